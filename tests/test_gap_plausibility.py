@@ -258,6 +258,13 @@ def put(column: str, name: str, row: int | slice, value: float) -> Spoil:
     return spoil
 
 
+def stopped(data: Recorded) -> None:
+    """What a recorder had no samples for is zero."""
+    columns = data.columns["force"]
+    for name in ("disturbance_N", "current_A", "displacement_m"):
+        columns[name] = np.concatenate([columns[name][:-200], np.zeros(200)])
+
+
 NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     # how: caution, record, words, whether the record is left out, whether confidence is limited
     "clipped displacement": (clip("displacement_m", 0.5, "force"), "clipped", "force", "cut off at", True, True),
@@ -265,6 +272,7 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "clipped current, one side": (clip("current_A", 0.4, "force", side="top"), "clipped", "force", "range", True, True),
     "saturated current": (clip("current_A", 0.6, "force"), "saturated_current", "force", "saturates at", False, False),
     "lost samples": (lose("force", "displacement_m"), "stuck", "force", "lost by the recorder", True, True),
+    "a recorder that stopped": (stopped, "ended", "force", "last 200 samples, from 1.001 s on", True, True),
     "zeros": (blank, "stuck", "force", "exactly zero in mid-motion, in", True, True),
     "dead sensor": (dead, "dead_channel", "force", "displacement_m never changes", True, True),
     "short": (cut("force", 0, 200), "short", "force", "too short: 0.199 s", True, False),
@@ -351,6 +359,12 @@ def test_a_set_without_a_usable_record_is_refused_with_every_reason(kind: str, s
         examine(read_dataset(sound.write(tmp_path)))
     assert [problem.key for problem in caught.value.problems] == list(sound.columns)
     assert all(words in problem.reason for problem in caught.value.problems), str(caught.value)
+
+
+def test_a_span_that_does_not_count_may_reach_the_end(sound: Recorded, tmp_path: Path):
+    stopped(sound)
+    sound.entry("force").update(left_out_s=[[1.0, 1.2]])
+    assert examine(read_dataset(sound.write(tmp_path))).words == ()
 
 
 def test_half_the_records_gone_limits_confidence(sound: Recorded, tmp_path: Path):

@@ -9,12 +9,13 @@ sample, would move the believed rig. Where the displacement measured has nothing
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from math import pi
 from pathlib import Path
 
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.diagnosis.data.dataset import MEASURED, Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import (
@@ -28,6 +29,7 @@ from beamdesign.diagnosis.examination.readings import (
 from beamdesign.diagnosis.examination.sound_records import (
     HIGH_HZ,
     LOW_HZ,
+    NOISY,
     Caution,
     Finding,
     blips,
@@ -42,7 +44,6 @@ from beamdesign.diagnosis.examination.sound_records import (
     rms,
     signals,
     suitability,
-    twins,
     where_it_counts,
 )
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
@@ -171,7 +172,6 @@ _COUNTS = 0.05  # of the rms of the displacement: what is worth a word
 _STANDS_OUT = 2.0  # of the rms of what else is not as believed: a force leaves as much in a rig that rings elsewhere
 _THERE = 0.1  # of the largest motion that it would make: where that is, it is looked for
 _PLATEAU, _MANY = 4, 12  # equal samples in a row, and altogether
-_NOISY = 0.5  # of the finest step: noise that carries every sample to another one
 _NOISE = 1e-4  # of the rms of the force: less is no noise of a load cell
 
 
@@ -216,11 +216,25 @@ def _cut_off(force: np.ndarray) -> int:
     """How many samples of a noisy force are exactly at its extremes, several in a row; 0 where it is not cut off."""
     rough = float(np.sqrt(np.median(np.diff(force, 2) ** 2) / 2.7))  # noise alone makes as much
     noise = min(rough, noise_std(force))
-    if noise <= max(_NOISY * finest_step(force), _NOISE * float(np.std(force))):
+    if noise <= max(NOISY * finest_step(force), _NOISE * float(np.std(force))):
         return 0
     ends = {float(force.min()), float(force.max())} - {0.0}  # where nothing pushes nothing is cut off
     count = sum(length for first, length in equal_runs(force, _PLATEAU) if force[first] in ends)
     return count if count >= _MANY else 0
+
+
+def twins(records: Sequence[TimeRecord]) -> list[Caution]:
+    """Records that hold the same measurement twice."""
+    found, first = [], dict[bytes, TimeRecord]()
+    for record in records:
+        channels = b"".join(record.measured[name].tobytes() for name in MEASURED if name in record.measured)
+        other = first.setdefault(sha256(channels).digest(), record)
+        if other is not record:
+            same = (record.masses, record.controller) == (other.masses, other.controller)
+            more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
+            text = f"holds the same measurement as {other.name}{more}"
+            found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
+    return found
 
 
 @dataclass(frozen=True)

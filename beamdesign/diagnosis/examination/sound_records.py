@@ -5,12 +5,11 @@ What a recorder does to a signal is seen in the signal alone: clipping, outliers
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from itertools import islice
 
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import MEASURED, TimeRecord
+from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.plant.assembly import widened
@@ -21,6 +20,8 @@ _PLATEAU = 4  # samples at the very same value
 _CUT = 8  # samples on plateaus altogether: fewer may be chance, and spoil nothing
 _STUCK = 6
 _MANY = 12
+NOISY = 0.5
+"""Of the finest step: noise that carries every sample to another one."""
 _KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs into a plateau
 _JUMP = 8.0  # in the noise of the signal
 _FEW = 5  # samples
@@ -158,7 +159,7 @@ def clipped(signal: np.ndarray) -> tuple[float, int, str] | None:
     for side, level in levels.items():
         runs = [run for run in equal_runs(signal, _PLATEAU) if signal[run[0]] == level]
         kinked = [run for run in runs if _kinked(signal, *run, _KINK * max(step, noise))]
-        if noise > 0.5 * step and sum(n for _, n in runs) >= _MANY:
+        if noise > NOISY * step and sum(n for _, n in runs) >= _MANY:
             found[side] = runs
         elif sum(n for _, n in kinked) >= _CUT:
             found[side] = kinked
@@ -196,6 +197,14 @@ def stuck(signal: np.ndarray) -> list[tuple[int, int]]:
         if abs(signal[after] - signal[first]) > usual and float(np.ptp(before)) > usual:
             runs.append((first, length))
     return runs
+
+
+def ended(signal: np.ndarray) -> int:
+    """Samples at the end that are exactly alike though noise moved all before them: a recorder's that had stopped."""
+    first, length = equal_runs(signal, 1)[-1]
+    before = signal[:first]
+    noisy = first >= _FEWEST_SAMPLES and noise_std(before) > NOISY * finest_step(before) > 0
+    return length if noisy and length >= 2 * _MANY else 0
 
 
 def holes(signal: np.ndarray) -> int:
@@ -251,7 +260,7 @@ def where_it_counts(record: TimeRecord) -> TimeRecord:
 
 def signals(record: TimeRecord, _: Prototype) -> Iterator[Finding]:
     """What its signals show on their own, where they count."""
-    record = where_it_counts(record)
+    record, there = where_it_counts(record), record.counted > 0
     if len(record.times) < _FEWEST_SAMPLES:
         yield "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}"
         return
@@ -267,6 +276,10 @@ def signals(record: TimeRecord, _: Prototype) -> Iterator[Finding]:
             if name != "current_A" or not _symmetric(signal, side):
                 text = f"{level:.4g}{' and its opposite' if side == 'both' else ''}, {samples} samples long"
                 yield "clipped", f"{name} is cut off at {text}: widen the recorder's range, or drive less"
+        elif name != "current_A" and (still := ended(signal[there])):  # a current may be held by a coarse controller
+            since = record.times[there][-still]
+            text = f"{name} stands exactly still over its last {still} samples, from {since:.4g} s on"
+            yield "ended", f"{text}: its recorder had stopped, so cut the record there"
         elif gaps := stuck(signal):
             text = f"for {sum(n for _, n in gaps)} samples and jumps, first at {record.times[gaps[0][0]]:.4g} s"
             yield "stuck", f"{name} stands still {text}: samples were lost"
@@ -360,20 +373,6 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     if count * record.step <= 4 * _SET_OFF_S and abs(gone) > max(most, 2 * abs(by_drive)):
         goes = f"displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
         yield "not_at_rest", f"does not start at rest: {goes}"
-
-
-def twins(records: Sequence[TimeRecord]) -> list[Caution]:
-    """Records that hold the same measurement twice."""
-    found, first = [], dict[bytes, TimeRecord]()
-    for record in records:
-        channels = b"".join(record.measured[name].tobytes() for name in MEASURED if name in record.measured)
-        other = first.setdefault(sha256(channels).digest(), record)
-        if other is not record:
-            same = (record.masses, record.controller) == (other.masses, other.controller)
-            more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
-            text = f"holds the same measurement as {other.name}{more}"
-            found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
-    return found
 
 
 def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float, float]]) -> Iterator[Finding]:
