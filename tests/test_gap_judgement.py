@@ -166,8 +166,9 @@ def test_a_cause_that_may_as_well_be_something_unknown_is_no_sure_one():
         "",
         Where("", (0.0, 0.0), ""),
         unknown=0.35,
+        none=0.013,
     )
-    assert "something that is not known here (35%)" in told
+    assert "it may as well be tolerances alone (1%) or something that is not known here (35%)" in told
 
 
 def test_where_tolerances_leave_nothing_no_cause_has_a_share_of_the_gap():

@@ -118,7 +118,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     if (play := law_of_play(known)) and found.anew and PLAY not in best.hypothesis.causes:  # not found, not lost
         renewed = renewed.but(effects={**renewed.effects, play: known[play]})
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    answer = sentences(verdict, ranked, chosen, words, where, (), not lacking, found.chance, judged.unknown)
+    none = judged.of_causes.get((), 0.0)
+    answer = sentences(verdict, ranked, chosen, words, where, (), not lacking, found.chance, judged.unknown, none)
     return Diagnosis(
         data.name,
         verdict,
@@ -219,7 +220,8 @@ def _explained(
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
     doubtful = look.doubtful or (not look.follows and any(_far(piece, judged.best) for piece in evidence))
-    why = [w for w in (far_fetched(judged.best, look.data.prototype), leaves_much(judged.best, look.search)) if w]
+    said = far_fetched(judged.best, look.data.prototype), leaves_much(judged.best, look.search)
+    why = [words for words in said if words and judged.unknown <= 0.5]
     words = tuple(dict.fromkeys((*why, *look.words)))
     look = replace(look, judged=judged, words=words, doubtful=doubtful or bool(why))
     if not judged.best.hypothesis.names:

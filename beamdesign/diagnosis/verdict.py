@@ -146,6 +146,7 @@ def sentences(
     complete: bool = True,
     rare: float = nan,
     unknown: float = nan,
+    none: float = nan,
 ) -> str:
     """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
 
@@ -159,6 +160,7 @@ def sentences(
         complete: whether everything that is known was compared.
         rare: see `verdict_of`.
         unknown: probability that the cause is none that is known; NaN where that is told otherwise.
+        none: probability that there is none beyond tolerances; NaN likewise.
     """
     words = {c.name: f"{named(c.name)} ({c.probability:.0%})" for c in causes}
     culprits = listed([words[name] for name in chosen])
@@ -173,7 +175,8 @@ def sentences(
             common = f"All of them hold {culprits}." if chosen else "No single culprit can be named."
             first = f"These data cannot tell apart: {'; '.join(shown)}{more}. {common}"
         case "ambiguous":
-            others = [words[c.name] for c in causes if c.name not in chosen][:3]
+            others = [f"tolerances alone ({none:.0%})"] * (none >= LEAST_PROBABILITY)
+            others += [words[c.name] for c in causes if c.name not in chosen][:3]
             others += [f"something that is not known here ({unknown:.0%})"] if unknown >= LEAST_PROBABILITY else []
             also = f"; it may as well be {listed(others, 'or')}" if others else ""
             probable = {c.name: c.probability for c in causes}
