@@ -293,6 +293,12 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "no lag": (relabel("force", STRAIGHT | {"gain_A_per_V": 0.122}), "controller", "force", "1.75/26 Hz", True, True),
     "another controller": (relabel("force", LAG | {"zero_Hz": 13.0}), "controller", "force", "1.75/26 Hz", True, True),
     "a wrong gain": (relabel("steps", STRAIGHT | {"gain_A_per_V": 0.012}), "controller", "steps", "0.80", True, True),
+    "a gain a little off": (
+        relabel("payload", LAG | {"gain_A_per_V": 0.0835}), "controller", "payload", "0.963 times", True, True,
+    ),
+    "a gain a little off, which another record has": (
+        relabel("force", LAG | {"gain_A_per_V": 0.126}), "controller", "force", "record command", True, True,
+    ),
     "a gain wrong everywhere": (every_gain(0.7), "amplifier_gain", "force", "as in all records", False, True),
     "a late current": (late(4, "force"), "amplifier_lag", "force", "late, by 4", False, True),
     "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),

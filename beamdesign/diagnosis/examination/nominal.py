@@ -319,3 +319,18 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
 def described(controller: Controller) -> str:
     """A controller in words."""
     return f"{controller.words()}, {controller.gain_A_per_V:.3g} A/V"
+
+
+_MOST = 0.6  # of the power left
+
+
+def line_left(record: TimeRecord, sensor_gain: float) -> float | None:
+    """Frequency (Hz) that carries most of what the equation leaves, if one does."""
+    if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
+        return None
+    left = record.measured["current_A"] - asked
+    power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
+    peak = int(np.argmax(power))
+    if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():
+        return None
+    return float(np.fft.rfftfreq(len(left), record.step)[peak])

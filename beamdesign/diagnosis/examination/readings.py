@@ -20,6 +20,7 @@ from beamdesign.diagnosis.examination.nominal import (
     commanded_current,
     described,
     expected,
+    line_left,
     missed_by,
     refitted,
 )
@@ -281,8 +282,8 @@ _EXPLAINED = 0.25  # of the residual may remain
 _SHORTEST = 0.05
 """Of a sample: channels are shifted by more, if at all."""
 _SAME_GAIN = 0.02
+_ODD_ONE = 3  # records: two whose gains differ do not say which is wrong
 _OFFSET = 0.2
-_MOST = 0.6
 
 
 def contradictions(
@@ -297,10 +298,13 @@ def contradictions(
     """
     gains = [fits[r.name].gain for r in records]
     common = max(gains, default=1.0) - min(gains, default=1.0) < _SAME_GAIN * max(map(abs, gains), default=1.0)
+    usual = float(np.median(gains)) if len(gains) >= _ODD_ONE else np.nan
     found = []
     for record in records:
         fit = fits[record.name]
-        if _plain(fit.residual, fit):
+        # No more than another gain, which one record has and the others have not, is told of less.
+        odd = abs(fit.gain - usual) > _SAME_GAIN * abs(usual) and fit.with_gain < _EXPLAINED * fit.residual
+        if _plain(fit.residual, fit) or (odd and fit.residual > fit.doubt):
             found.append(_verdict(record, fit, records, prototype, common))
         elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
             text = (
@@ -370,23 +374,11 @@ def _verdict(
     )
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
-    line = _line(record, gain)
+    line = line_left(record, gain)
     text += (
         f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
     )
     return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
-
-
-def _line(record: TimeRecord, sensor_gain: float) -> float | None:
-    """Frequency (Hz) that carries most of what the equation leaves, if one does."""
-    if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
-        return None
-    left = record.measured["current_A"] - asked
-    power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
-    peak = int(np.argmax(power))
-    if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():
-        return None
-    return float(np.fft.rfftfreq(len(left), record.step)[peak])
 
 
 def _late(record: TimeRecord, fit: ControllerFit) -> Caution:
