@@ -499,6 +499,9 @@ def test_figures_beside_records_that_are_no_good_bear_no_sure_answer(
     found = diagnose(replace(data, records=taken), 1)
     assert (found.verdict, found.chosen) == (verdict, ("sensor_lag",))
     assert any("what remains cannot bear a confident answer" in words for words in found.warnings) is bool(records)
+    by = "The gap is most probably caused by" if records else "The gap is caused by"
+    assert found.sentences.startswith(f"{by} sensor_lag (")
+    assert "cannot tell apart" not in found.sentences
 
 
 SECTION = Section(zero_Hz=30.0, zero_damping_ratio=0.5, pole_Hz=30.0, pole_damping_ratio=0.6)

@@ -169,7 +169,7 @@ def sentences(
             first = "There is no gap that the tolerances of the prototype would not explain."
         case "effect":
             first = f"The gap is caused by {culprits}."
-        case "ambiguous" if rivals:
+        case "ambiguous" if len(rivals) > 1:
             shown = [in_words(f"something {name}" if name == OUTSIDE else name) for name in rivals[:_SHOWN]]
             more = f"; and {len(rivals) - _SHOWN} more" if len(rivals) > _SHOWN else ""
             common = f"All of them hold {culprits}." if chosen else "No single culprit can be named."
