@@ -1,6 +1,7 @@
 """Reading a data set: what was written comes back, and what is wrong is said with file, key, row and reason."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -404,6 +405,17 @@ def test_frequencies_in_radians_per_second_are_refused(responding, tmp_path):
     data = read_dataset(folder)
     with pytest.raises(InputError, match="values are in rad/s"):
         check_responses(data.responses, data.prototype)
+
+
+def test_end_masses_in_grams_are_refused_of_responses_and_gains_too(sound: Recorded, responding, tmp_path: Path):
+    """As of a record: by the gain that a loop with tons on its tip bears, the gain would have been in other units."""
+    sound.index["critical_gain"] = [{"gain_A_per_V": 0.02, "outer_end_mass_kg": 6800.0}]
+    with pytest.raises(InputError, match=r"critical_gain: entry 1: an end mass of 6800 kg .* \(is it in grams\?\)"):
+        examine(read_dataset(sound.write(tmp_path / "gains")))
+    data = read_dataset(responding(same, same))
+    heavy = replace(data.responses[0], inner_end_mass=4400.0)
+    with pytest.raises(InputError, match=r"an end mass of 4400 kg .* \(is it in grams\?\)"):
+        check_responses([heavy], data.prototype)
 
 
 def test_critical_gains_in_milliamperes_are_refused_and_far_ones_named(sound: Recorded, tmp_path: Path):

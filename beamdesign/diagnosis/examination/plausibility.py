@@ -44,6 +44,7 @@ from beamdesign.diagnosis.examination.sound_records import (
     rms,
     signals,
     suitability,
+    too_heavy,
     where_it_counts,
 )
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
@@ -85,6 +86,8 @@ def _nominal(response: FrequencyResponse, prototype: Prototype, frequencies: np.
 
 def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem]:
     frequencies = response.frequencies_Hz
+    if heavy := too_heavy((response.outer_end_mass, response.inner_end_mass), prototype):
+        return [Problem("frequency_response", f"its entry in dataset.toml states {heavy}")]
     if len(frequencies) < _FEWEST:
         return [Problem("frequency_Hz", f"only {len(frequencies)} lines: measure at least {_FEWEST}")]
     low, high = widened(prototype, LOW_HZ, HIGH_HZ)
@@ -150,6 +153,9 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
     """
     problems, warnings = [], []
     for k, gain in enumerate(gains, start=1):
+        if heavy := too_heavy((gain.outer_end_mass, gain.inner_end_mass), prototype):
+            problems.append(Problem("critical_gain", f"entry {k}: {heavy}"))
+            continue
         if (nominal := GainEvidence(gain, prototype).nominal()) is None:
             continue
         ratio = gain.gain / nominal.gain

@@ -311,13 +311,18 @@ def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
             yield "outlier", text
 
 
+def too_heavy(end_masses_kg: Iterable[float], prototype: Prototype) -> str:
+    """Why end masses are in another unit, in words; empty where they may be kilograms."""
+    heaviest, own = max(end_masses_kg), figures(prototype)["outer_mass"]
+    words = f"an end mass of {heaviest:g} kg on a beam of {own:.3g} kg is not credible (is it in grams?)"
+    return words if heaviest > _HEAVIEST * own else ""
+
+
 def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
     of, loop, moved = figures(prototype), nominal_loop(prototype, record), record.measured["displacement_m"]
-    heaviest = max(record.masses)
-    if heaviest > _HEAVIEST * of["outer_mass"]:
-        masses = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg"
-        yield "units", f"{masses} is not credible (is it in grams?)"
+    if heavy := too_heavy(record.masses, prototype):
+        yield "units", heavy
 
     length, slowest = float(record.times[-1] - record.times[0]), loop.slowest_Hz
     low, high = widened(prototype, LOW_HZ, HIGH_HZ)
