@@ -300,6 +300,18 @@ def test_what_explains_as_much_as_a_plainly_wrong_figure_is_not_slight():
     assert judge(found(null, oil, worse)).cause("entrained_air") < 1e-3
 
 
+@pytest.mark.parametrize("own", [1.0, 3.0])
+def test_an_effect_that_eases_what_a_wrong_figure_does_is_weighed_by_its_evidence(own: float):
+    """How far its own parameters are from the usual is in its evidence, and not in what it leaves of the figures."""
+    null, wrong = made((), 1.05 * EXPECTED, flow_gain=6.0), made(("parameter:flow_gain",), 1.05 * EXPECTED, flow_gain=1)
+    effect = made((AREAS,), 1.05 * EXPECTED - 4.0, **{f"{AREAS}_asymmetry": own})
+    assert (wrong.strain, effect.strain) == (0.0, 0.0)
+    search = found(null, wrong, effect)
+    judged = judge(search)
+    odds_of = evidence(effect, search.spread) - evidence(wrong, search.spread)
+    assert judged.cause(AREAS) / judged.cause("parameter:flow_gain") == pytest.approx(np.exp(odds_of), rel=0.02)
+
+
 def test_strained_figures_leave_doubt():
     lag = made((LAG,), 1.1 * EXPECTED, sensor_gain=THRESHOLDS.strained + 1)
     search = found(made((), 20 * EXPECTED), lag)

@@ -120,7 +120,7 @@ def strained(found: Fit) -> tuple[str, ...]:
     Each does, or all together: the sum of their squares counts as one of them does that is as improbable.
     """
     moved, most = found.moved, THRESHOLDS.strained
-    together = chdtrc(len(moved), sum(z**2 for z in moved.values())) < erfc(most / sqrt(2))
+    together = chdtrc(len(moved), found.strain) < erfc(most / sqrt(2))
     return tuple(name for name, z in moved.items() if abs(z) > (1.0 if together else most))
 
 

@@ -121,8 +121,8 @@ class Fit:
 
     @property
     def strain(self) -> float:
-        """Of the priors alone."""
-        return float(self.z @ self.z)
+        """Of the priors of tolerated figures: what is left for a wrong figure, or an effect, to ease."""
+        return sum(z**2 for z in self.moved.values())
 
     @property
     def error(self) -> float:
