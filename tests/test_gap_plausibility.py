@@ -594,3 +594,34 @@ def test_noise_alone_contradicts_no_controller_however_short_the_record(count: i
         assert fit is not None
         over.append(fit.residual / fit.doubt)
     assert 0.3 < max(over) < 1.0
+
+
+@pytest.mark.parametrize("heard", [False, True])
+def test_noise_that_rings_in_a_controller_contradicts_it_no_more_than_white_noise(heard: bool) -> None:
+    """A law that resonates at 45 Hz, by scipy: recorded noise through it is no other law, and hides no weak amplifier.
+
+    Noise that the controller has not heard is in what the equation makes of the record alone; noise that it has heard
+    is in the measured current as well, and tells nothing of what differs.
+    """
+    from scipy.signal import lsim, resample
+
+    from beamdesign.controllers import Observer
+
+    w, times, random = 2 * np.pi * 45, 5e-4 * np.arange(4001), np.random.default_rng(0)
+    a, b, c, d = [[0.0, w], [-w, -0.04 * w]], [[0.0], [w]], [0.3, 0.0], [0.1]
+    law = Observer.of(1e-3, ("displacement_m",), a, b, c, d)
+    command = np.convolve(random.standard_normal(len(times)), np.ones(200) / 20, "same")
+    noise = 1.5e-4 * random.standard_normal(len(times))
+    volts = resample(command - heard * 1180.0 * noise, 10 * len(times))
+    current = (0.85 if heard else 1.0) * 1e-3 * lsim((a, b, [c], [d]), volts, 5e-5 * np.arange(len(volts)))[1][::10]
+    inputs = np.column_stack([0 * times, command])
+    record = TimeRecord("rings", times, inputs, {"current_A": current, "displacement_m": noise}, 0.0, 0.0, law)
+    fit = controller_fit(record, 1180.0)
+    assert fit is not None
+    if heard:
+        assert fit.residual == pytest.approx(0.15 / 0.85, rel=0.05)
+        assert fit.with_gain < 0.25 * fit.residual
+        assert fit.gain == pytest.approx(0.85, rel=0.01)
+    else:
+        assert fit.residual < 0.5 * fit.doubt
+        assert fit.gain == pytest.approx(1.0, abs=0.03)

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
+from beamdesign.diagnosis.fitting.weighting import TOP, banded, faded, white
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.component import law_inputs, state_space
 from beamdesign.plant.equilibrium import StateSpace, linearise
@@ -101,12 +101,12 @@ _SEEN = 0.01  # residual from which it is worth explaining
 class ControllerFit:
     """How well a record obeys the controller it is said to have been taken with.
 
-    Every residual is relative to the rms of the current and has the recorder's white noise taken out; `noise` is what
-    was taken out.
+    Every residual is relative to the rms of the current and has the recorder's noise taken out; `noise` is what was
+    taken out.
 
     Attributes:
         residual: of the equation as stated.
-        noise: of current and displacement together, white.
+        noise: of current and sensors together, white as it was recorded, see `heard_noise`.
         doubt: what may be left of noise alone, whose power is known no better than the median of as many exponential
             numbers as it has lines tells their mean.
         gain: current over what the controller would give, best in the mean square; 1 where all is well.
@@ -177,14 +177,49 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
     return np.asarray(asked + columns[:, :-1] @ shares[:-1])
 
 
-def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
-    """Rms of what differs over the rms of what was measured: without its white noise, and that noise."""
-    rms = float(np.std(measured))
+def heard_noise(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray:
+    """(F,) power per sample, A^2, from 0 to the frequency of Nyquist, of what a law makes of white noise that it hears.
+
+    A law that resonates, as an observer may, makes of white noise what is anything but white.
+
+    Args:
+        record: measured; the noise of a channel is read off the top of its spectrum.
+        controller: any, whose channels were recorded.
+        sensor_gain: believed, V/m.
+    """
+    count = len(record.times)
+    frequencies = np.fft.rfftfreq(count, record.step)
+    frequencies[0] = frequencies[1]  # a law that integrates has nothing to say of the mean
+    power = np.zeros(len(frequencies))
+    for name, response in controller.sensor_responses(frequencies).items():
+        size = controller.gain_A_per_V * (sensor_gain if name == "displacement_m" else 1.0)
+        spectrum = np.abs(np.fft.rfft(record.measured[name])) ** 2
+        power += white(spectrum[round(TOP * len(spectrum)) :]) / count * np.abs(size * response) ** 2
+    return power
+
+
+def mismatch(measured: np.ndarray, predicted: np.ndarray, heard: np.ndarray | None = None) -> tuple[float, float]:
+    """Rms of what differs over the rms of what was measured: without its noise, and that noise.
+
+    Args:
+        measured: (N,).
+        predicted: (N,).
+        heard: (F,) see `heard_noise`; what it has beyond its top is noise as well, as far as it is there, and as the
+            top shows that it is not in both: a controller obeys the noise that it has heard itself. White if None.
+    """
+    rms, count = float(np.std(measured)), len(measured)
     if rms == 0:
         return np.inf, 0.0
     difference = measured - predicted
-    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2
-    noise = white(power[round(TOP * len(power)) :]) / len(difference)
+    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2 / count
+    top = round(TOP * len(power))
+    noise = white(power[top:])
+    if heard is not None:
+        lines = np.arange(len(power))
+        shaped = np.interp(lines / len(power), np.arange(len(heard)) / len(heard), heard)
+        level = float(shaped[top:].mean())
+        beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
+        noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
     total = float(np.var(difference))
     return float(np.sqrt(max(total - noise, 0.0))) / rms, float(np.sqrt(noise)) / rms
 
@@ -199,14 +234,15 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
     if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
         return None
     current = asked + record.counted * (record.measured["current_A"] - asked)  # what does not count is as it should be
-    residual, noise = mismatch(current, asked)
+    heard = heard_noise(record, record.controller, sensor_gain)
+    residual, noise = mismatch(current, asked, heard)
     gain = _gain(current, asked)
-    delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
-    lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
-    limit, with_limit, left = _saturated(current, asked) if residual >= _SEEN else (None, residual, noise)
+    delay = _shifted(current, asked, heard, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
+    lag = _shifted(current, asked, heard, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
+    limit, with_limit, left = _saturated(current, asked, heard) if residual >= _SEEN else (None, residual, noise)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
-    with_gain, offset = mismatch(current, gain * asked)[0], float(np.mean(current - asked))
+    with_gain, offset = mismatch(current, gain * asked, heard)[0], float(np.mean(current - asked))
     doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
     return ControllerFit(residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 
@@ -217,7 +253,12 @@ def _gain(current: np.ndarray, asked: np.ndarray) -> float:
 
 
 def _shifted(
-    current: np.ndarray, asked: np.ndarray, step: float, law: Callable[[np.ndarray, float], np.ndarray], both_ways: bool
+    current: np.ndarray,
+    asked: np.ndarray,
+    heard: np.ndarray,
+    step: float,
+    law: Callable[[np.ndarray, float], np.ndarray],
+    both_ways: bool,
 ) -> tuple[float, float]:
     """Best time of a law of delay, and the residual with it and a gain."""
     count = len(asked)
@@ -245,7 +286,7 @@ def _shifted(
     # What passes the end of the record has nowhere to go.
     inside = slice(0, count - max(2, round(0.02 * count)))
     found = np.fft.irfft(spectrum * law(rates, best), 2 * count)[inside]
-    return best, mismatch(current[inside], _gain(current[inside], found) * found)[0]
+    return best, mismatch(current[inside], _gain(current[inside], found) * found, heard)[0]
 
 
 def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
@@ -255,7 +296,7 @@ def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
     return np.asarray(np.copysign(limit * np.minimum(ratio, 1), asked) / (1 + small**sharpness) ** (1 / sharpness))
 
 
-def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, float, float]:
+def _saturated(current: np.ndarray, asked: np.ndarray, heard: np.ndarray) -> tuple[float | None, float, float]:
     """Level of a symmetric limit, sharp or rounded; the residual with it, and the noise taken out of that."""
     largest = float(np.abs(asked).max())
     if largest == 0:
@@ -273,7 +314,7 @@ def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, fl
 
     bounds = (level / 1.05, level * 1.05)
     best = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-4 * level}).x)
-    return best, *mismatch(current, _knee(asked, best, sharpness))
+    return best, *mismatch(current, _knee(asked, best, sharpness), heard)
 
 
 def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) -> float:
@@ -285,7 +326,9 @@ def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) ->
         sensor_gain: believed, V/m.
     """
     asked = commanded_current(record, controller, sensor_gain)
-    return inf if asked is None else mismatch(record.measured["current_A"], asked)[0]
+    if asked is None:
+        return inf
+    return mismatch(record.measured["current_A"], asked, heard_noise(record, controller, sensor_gain))[0]
 
 
 def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
