@@ -8,6 +8,7 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from beamdesign.diagnosis import judgement
@@ -353,10 +354,16 @@ def test_an_effect_that_leaves_most_of_a_gap_is_no_sure_one(names, of_noise: flo
     assert leaves_much(one, search) == told
 
 
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize(
+    ("share", "ratio"),
+    [(share, ratio) for share in (0.02, 0.1, 0.3) for ratio in (0.5, 1.0, 1.5)]
+    + [(0.05, 3.0), (0.05, 4.0), (0.02, 6.0)],
+)
 def test_what_swings_on_a_tip_is_no_second_bending_mode(share: float, ratio: float):
-    """Two masses on springs, by their eigenvalues: their upper mode lies too near to the lower one for a beam's."""
+    """Two masses on springs, by their eigenvalues: a beam's upper mode lies farther up, or takes more part at the tip.
+
+    That of a light mass far above the beam's first mode moves the tip less than any bending mode there would.
+    """
     own, rig = ratio**2, believed()
     squares, shapes = eigh([[1 + share * own, -share * own], [-share * own, share * own]], np.diag([1.0, share]))
     given = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
@@ -374,6 +381,36 @@ def test_what_swings_on_a_tip_is_no_second_bending_mode(share: float, ratio: flo
     assert unlike(mode, values, rig.but(effects={"second_beam_mode": {}})) == ()  # its builder called it so
 
 
+@pytest.mark.parametrize("on_tip", [0.0, 0.3, 30.0])
+@pytest.mark.parametrize("off", [0.9, 1.0, 1.1])
+def test_a_second_bending_mode_is_one_whatever_is_fixed_to_the_tip(on_tip: float, off: float):
+    """A uniform cantilever with a mass on its tip, by its stiffness there: zeros are modes, slopes there their masses.
+
+    R. E. D. Bishop and D. C. Johnson, The Mechanics of Vibration, 1960, chapter 7; frequency and share a tenth off.
+    """
+
+    def stiffness(beta: float) -> float:
+        c, s = np.cos(beta), np.sin(beta)
+        bare = beta**3 * (1 / np.cosh(beta) + c) / (s - c * np.tanh(beta))
+        return bare - on_tip * beta**4
+
+    grid = np.linspace(0.1, 5.0, 5001)
+    signs = np.array([stiffness(beta) for beta in grid]) > 0
+    beta = np.array([brentq(stiffness, *grid[k : k + 2]) for k in np.flatnonzero(signs[:-1] & ~signs[1:])])
+    mass = [-(stiffness(b + 1e-5) - stiffness(b - 1e-5)) / 2e-5 / (4 * b**3) for b in beta]
+    (first, second), compliance = beta**2, 1 / (mass * beta**4)
+    if not on_tip:
+        assert [first, second] == pytest.approx([3.516, 22.034], rel=1e-4)
+    rig = believed()
+    given = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
+    first_Hz = np.sqrt(given["outer_stiffness"] / given["outer_mass"]) / (2 * np.pi)
+    values = given | {
+        "second_beam_mode.frequency_Hz": off * first_Hz * second / first,
+        "second_beam_mode.compliance_share": off * compliance[1] / compliance[0],
+    }
+    assert unlike(together("second_beam_mode"), values, rig) == ()
+
+
 @pytest.mark.parametrize("softness", [0.0, 0.3, 1.0, 5.0, 25.0])
 @pytest.mark.parametrize("tip_share", [0.0, 0.15, 2.0])
 def test_no_second_mode_of_a_beam_is_taken_for_something_else(softness: float, tip_share: float):
@@ -386,7 +423,9 @@ def test_no_second_mode_of_a_beam_is_taken_for_something_else(softness: float, t
         hertz = np.sqrt(modes[0] / modes[1]) / (2 * np.pi)
         if not any(bar):
             assert hertz[1] / hertz[0] == pytest.approx((4.69409 / 1.87510) ** 2, rel=1e-4)
-        assert unlike(together("second_beam_mode"), given | {"second_beam_mode.frequency_Hz": hertz[1]}, rig) == ()
+        own = {"frequency_Hz": hertz[1], "compliance_share": modes[0, 0] / modes[0, 1]}
+        values = given | {f"second_beam_mode.{name}": float(value) for name, value in own.items()}
+        assert unlike(together("second_beam_mode"), values, rig) == ()
 
 
 def test_friction_without_an_excess_at_breakaway_is_at_no_bound():

@@ -38,12 +38,19 @@ def _elements(own: Exact, figure: Exact) -> Elements:
 _LEAST_RATIO = 2.5
 """Of the frequencies of a beam's second and first bending mode: a uniform one has 6.27 (Blevins), one whose depth
 tapers to a tenth 3.2, and one that is twenty times as soft from 0.56 to 0.75 of its length 2.9."""
+_LEAST_PART = 1.5
+"""Of the second mode's static compliance over the first one's, times the fourth power of that ratio: 39 of a uniform
+beam and 9.7 of one that is next to massless beside its tip. Of 20,000 beams, drawn with tapers, soft places, lumps and
+heavy tips, 1 % have less; what swings at 4 times the frequency of a beam twenty times as heavy has 1.0."""
 
 
 def _unlike(own: Figures, figure: Figures) -> str:
     ratio = 2 * pi * own["frequency_Hz"] / sqrt(figure["outer_stiffness"] / figure["outer_mass"])
     words = f"at {ratio:.2g} times the frequency of the outer beam's first mode no second bending mode of a beam lies"
-    return f"{words}, but what swings on its tip may" if ratio < _LEAST_RATIO else ""
+    if ratio >= _LEAST_RATIO:
+        words += f" with {own['compliance_share']:.2g} of that one's compliance or less"
+    part = own["compliance_share"] * ratio**4
+    return f"{words}, but what swings on its tip may" if ratio < _LEAST_RATIO or part < _LEAST_PART else ""
 
 
 EFFECT = Effect(
