@@ -117,6 +117,39 @@ def test_a_third_cause_is_tried_beside_rivals_of_the_best_two_and_by_other_laws(
     assert limit | lag | magnet in {f.hypothesis for f in found}  # the lag in the delay's place, by the same law
 
 
+@pytest.mark.parametrize("paired", [False, True])
+def test_a_third_cause_begins_as_it_was_found_beside_one_of_the_two(paired: bool):
+    """Alone a mount is bent to explain what a limit does; beside the limit it has been found as it is."""
+    limit, lag, delay, mount = map(
+        together, ("current_saturation", "sensor_lag", "transport_delay", "mount_compliance")
+    )
+    data, asked = measured(believed(), scenario(0.1)), []
+    left = {limit | lag: 2.4e3, limit | delay: 9e3, limit | mount: 2e4}
+
+    def canned(hypothesis: Hypothesis, strength: float = 0.0) -> Fit:
+        unknowns = hypothesis.unknowns(data.prototype)
+        share = Share(left.get(hypothesis, 5e4), np.zeros(len(unknowns)), np.eye(len(unknowns)))
+        return Fit(hypothesis, unknowns, np.full(len(unknowns), strength), share.c, (share,))
+
+    class Canned:
+        def __init__(self) -> None:
+            self.data = data
+
+        def __call__(self, tasks, progress=None):
+            asked.extend(given := list(tasks))
+            return [canned(task.hypothesis) for task in given]
+
+    beside = [canned(limit | delay, 0.3), *[canned(limit | mount, 0.5)] * paired]
+    fits = (canned(limit | lag, 0.1), *beside, *(canned(h, 2.0) for h in (limit, lag, delay, mount)))
+    searching._three_at_once(Canned(), searching.Search(canned(NOTHING), fits, 300.0), lambda share, words: None)
+    looks = {task.hypothesis: task for task in asked if task.quick}
+    for third, strength in ((delay, 0.3), (mount, 0.5 if paired else 2.0)):
+        task = looks[limit | lag | third]
+        begun = canned(third, strength).values
+        assert {name: task.hints[name] for name in begun if "." in name} == {n: v for n, v in begun.items() if "." in n}
+        assert task.known == fits[0].values
+
+
 def test_a_third_cause_is_not_tried_where_two_explain_the_gap(monkeypatch):
     names = ("sensor_lag", "seal_friction", "unequal_piston_areas")
     monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, names)))

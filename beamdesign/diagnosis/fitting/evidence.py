@@ -4,15 +4,16 @@ A record is simulated with given figures, and its derivatives with it. A model m
 motion that cannot be repeated: see `InjectedRecord`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.fitting.fit import Evidence
+from beamdesign.diagnosis.fitting.fit import Evidence, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
 from beamdesign.diagnosis.fitting.weighting import (
@@ -26,6 +27,7 @@ from beamdesign.diagnosis.fitting.weighting import (
     weighting,
 )
 from beamdesign.plant.assembly import assemble, widened
+from beamdesign.records import Problem
 
 Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
@@ -117,6 +119,18 @@ def evidence_of(data: Dataset, synchronised: bool = False) -> tuple[Evidence, ..
     """
     records = record_evidence(data)
     return (*(map(with_output_injection, records) if synchronised else records), *figures_of(data))
+
+
+def unpredicted(data: Dataset, evidence: Sequence[Evidence]) -> list[Problem]:
+    """What keeps the believed model from predicting pieces of evidence, so that no fit begins."""
+    placement = NOTHING.placement(data.prototype)
+    z = np.zeros(len(placement.unknowns))
+    of_records = ("prototype", "its loop is unstable with the controllers and masses of {}")
+    of_responses = ("frequency_response", "the believed loop is unstable where a response was taken: {}")
+    of_gains = ("critical_gain", "the believed loop oscillates at no gain: {}")
+    words = [of_records] * len(data.records) + [of_responses] * len(data.responses) + [of_gains] * len(data.gains)
+    lost = ((one, of) for one, of in zip(evidence, words, strict=True) if linearised([one], placement, z) is None)
+    return [Problem(key, text.format(one.name)) for one, (key, text) in lost]
 
 
 def figures_of(data: Dataset) -> tuple[Figure, ...]:

@@ -7,13 +7,14 @@ from functools import reduce
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task, linearised
+from beamdesign.diagnosis.fitting.evidence import unpredicted
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import RESONANT, Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.progress import Progress, silent
-from beamdesign.records import InputError, Problem
+from beamdesign.records import InputError
 from beamdesign.time_limit import share
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
@@ -120,7 +121,7 @@ def search(
         progress(0.0, "tolerances")
         null = null or fitters.each(Task(NOTHING, {}))[0]
         if null.reason:
-            raise InputError(data.folder, _unpredicted(data, fitters.evidence))
+            raise InputError(data.folder, unpredicted(data, fitters.evidence))
         with share(_SEEKING, within_steps=True):
             found = _searched(fitters, null, progress, worth)
         if fitters.late and found.fits and found.excess(found.fits[0]) < _CLOSED:  # so that no law has to be learnt
@@ -128,18 +129,6 @@ def search(
                 found = _made_up_for(fitters, found)
         progress(1.0, "done")
         return found
-
-
-def _unpredicted(data: Dataset, evidence: Sequence[Evidence]) -> list[Problem]:
-    """What keeps the believed model from predicting pieces of evidence, so that no fit begins."""
-    placement = NOTHING.placement(data.prototype)
-    z = np.zeros(len(placement.unknowns))
-    of_records = ("prototype", "its loop is unstable with the controllers and masses of {}")
-    of_responses = ("frequency_response", "the believed loop is unstable where a response was taken: {}")
-    of_gains = ("critical_gain", "the believed loop oscillates at no gain: {}")
-    words = [of_records] * len(data.records) + [of_responses] * len(data.responses) + [of_gains] * len(data.gains)
-    lost = ((one, of) for one, of in zip(evidence, words, strict=True) if linearised([one], placement, z) is None)
-    return [Problem(key, text.format(one.name)) for one, (key, text) in lost]
 
 
 def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> Search:
@@ -257,7 +246,7 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
         return list(state.fits)
     tasks = {
         pair.hypothesis | one.hypothesis: Task(
-            pair.hypothesis | one.hypothesis, pair.values, one.values, hardest(pair), quick=True
+            pair.hypothesis | one.hypothesis, pair.values, _beside(pair, one, best_two), hardest(pair), quick=True
         )
         for pair in reversed(near)
         for one in alone.values()
@@ -276,6 +265,12 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     much = [f for f in _sorted(final) if not f.reason and state.excess(f) < _MUCH_LESS * state.excess(near[0])]
     parts = [Task(f.hypothesis.without(name), f.values) for f in much[:1] for name in f.hypothesis.causes]
     return best_of_each([*state.fits, *fitters(parts), *much])
+
+
+def _beside(pair: Fit, one: Fit, of: Sequence[Fit]) -> dict[str, float]:
+    """What a third cause is found to be beside one of a pair, if a fit of that is there; else alone, for all of it."""
+    causes, names = {*pair.hypothesis.causes}, {*one.hypothesis.names}
+    return next((f.values for f in of if names < {*f.hypothesis.names} and causes & {*f.hypothesis.causes}), one.values)
 
 
 def hardest(one: Fit, part: float = _HALF, first: int | None = None) -> tuple[int, ...]:
