@@ -10,6 +10,7 @@ import pytest
 from flint import fmpq
 from forging import altered
 from honest_certificates import valid
+from scipy.integrate import solve_ivp
 
 from beamdesign import Prototype, certify, check, read_prototype, simulate
 from beamdesign.controllers import Lag
@@ -145,6 +146,40 @@ def test_rows_say_what_is_not_covered(tame: Prototype):
     assert {row.effects for row in rows if not row.proved} == {
         ("current_saturation", "unequal_piston_areas", "valve_deadband")
     }
+
+
+def test_a_ripple_drives_a_loop_whose_valve_rests_off_its_null(tame: Prototype):
+    """Without command and load the tip swings for good, by equations (7) to (16) of Zalucky and Hardt (1984).
+
+    The leakage nulls at a current, so that the tip rests off zero, where the ripple of the gain is one of the volts.
+    """
+    depth, frequency_Hz, imbalance, mass = 0.05, 50.0, 0.9, 2.0
+    flow = imbalance * 20e6 * 3.8e-13  # of the leakage into one chamber and out of the other
+    dashpots = (2 * 0.05 * np.sqrt(k * m) for k, m in ((486_800.0, 3.9), (157_500.0, 1.6)))
+    outer, inner, w, pole, zero = *dashpots, *(2 * np.pi * f for f in (150.0, 1.7, 20.0))
+
+    def rate(t: float, state: np.ndarray) -> list[float]:
+        x, v, c, y, u, q, r, held = state
+        force = 1.3e7 * (c - x)
+        volts = -1180.0 * x * (1 + depth * np.sin(2 * np.pi * frequency_Hz * t))
+        current = 0.05 * (pole / zero * volts + held)
+        fed = q + flow - 3.8e-13 * force / 1.13e-4
+        return [
+            v, (force - 486_800.0 * x - outer * v) / (3.9 + mass), u + fed / 1.13e-4,
+            u, (-force - 157_500.0 * y - inner * u) / (1.6 + 2.5), r, w * w * (1.13e-2 * current - q) - w * r,
+            pole * ((1 - pole / zero) * volts - held),
+        ]  # fmt: skip
+
+    last = np.linspace(2.9, 3.0, 500)
+    moved = solve_ivp(rate, (0.0, 3.0), np.zeros(8), method="LSODA", t_eval=last, rtol=1e-8, atol=1e-14).y[0]
+    assert moved.mean() == pytest.approx(flow / (1.13e-2 * 0.05 * 1180.0), rel=0.05)
+    assert np.ptp(moved) > 1e-3 * moved.mean()
+    ripple = {"carrier_ripple": {"depth": depth, "frequency_Hz": frequency_Hz}}
+    rig = tame.but(effects=ripple | {"uneven_leakage": {"imbalance": imbalance}})
+    (row,) = both_rows(members(rig, mass, mass))
+    assert row.effects == ("current_saturation", "carrier_ripple")
+    assert not row.proved
+    assert row.statement is None
 
 
 @pytest.mark.parametrize("mass", [0.5, 6.5])

@@ -211,8 +211,8 @@ def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]
     )
     words = (
         f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the {_WHOSE[place]}"
-        f" gain changes between {span(factors, ' and ')} times its own, without command and load, or under constant"
-        f" ones where that gain is a static characteristic too, {len(loops)} loops, margin {short(margin, up=False)}"
+        f" gain changes between {span(factors, ' and ')} times its own, about zero current without command and load, or"
+        f" under constant ones where that gain is static too, {len(loops)} loops, margin {short(margin, up=False)}"
     )
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}")
 

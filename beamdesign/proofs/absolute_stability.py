@@ -37,8 +37,10 @@ IN_THE_CURRENT, DEADBANDS = laws_of("current_saturation"), laws_of("valve_deadba
 IN_THE_MOTOR = laws_of("motor_current_limit")
 BEHIND_THE_SPOOL = ("unequal_piston_areas", *DEADBANDS)
 """Static characteristics by their place in the loop."""
-NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
-"""Effects that are not odd, or keep the valve from its null at rest."""
+OFF_NULL = ("uneven_leakage",)
+"""Effects that keep the valve from its null at rest."""
+NOT_ODD = ("unequal_piston_areas", *OFF_NULL)
+"""Those, and effects that are not odd."""
 FOR_ODD = "for odd characteristics about zero current"
 _AT_THE_MOTOR = (
     "Loop and gain are here those of law and speed feedback together: more of that feedback, more friction of the rotor"

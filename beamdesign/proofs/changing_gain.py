@@ -38,7 +38,7 @@ from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
-from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT
+from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT, OFF_NULL
 from beamdesign.proofs.bounded_error import acts_ahead
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
@@ -311,6 +311,13 @@ def both_rows(given: Members) -> Iterator[Row]:
         if change.drives:
             continue
         static = change.effect == "unequal_piston_areas"
+        names = (*current, change.effect)
+        if not static and (off := sorted({*OFF_NULL} & {*given.prototype.effects})):
+            words = (
+                f"Both at once: with {', '.join(off)} the valve rests off its null, where this gain drives the loop."
+            )
+            yield Row(names, BOTH, False, words)
+            continue
         pairs = [pair(given, member, change) for member in given.found.members]
         known = [one for one in pairs if one is not None]
         presupposed = all(
@@ -319,7 +326,6 @@ def both_rows(given: Members) -> Iterator[Row]:
             for one in known
         )
         found = search(known, given.low, given.high) if presupposed and len(known) == len(pairs) else None
-        names = (*current, change.effect)
         if found is None:
             words = "Both at once: no multiplier was found; that does not say that the loop oscillates."
             yield Row(names, BOTH, False, words)
