@@ -290,6 +290,24 @@ def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:
     assert max(worst) > 0
 
 
+def test_components_of_a_law_that_lowers_the_current_are_proved_with_its_sign(rig: Prototype) -> None:
+    """Where K_s A K_q gain = K_pq K_m the loop of such a law is lost at rest; of one that raises it, it is far from it.
+
+    With a leakage of 3.8e-11 m3/s/Pa that is at 12.28 mA/V, which five per cent of two resistors and of the sense
+    resistor make of 11.2 mA/V: that was proved.
+    """
+    leaky = rig.but(servovalve=rig.servovalve.but(leakage_m3_per_s_per_Pa=3.8e-11))
+    lost = 3.8e-11 * rig.outer_beam.stiffness_N_per_m / (1180.0 * 1.13e-4 * 1.13e-2)
+    assert lost == pytest.approx(12.28e-3, rel=1e-3)
+    for gain, verdict in ((0.0112, "refuted"), (0.01, "proved")):
+        law = of_roots(-gain, [-20], [-1.7])
+        circuit, built = circuit_of(law, "E96", "E6"), leaky.but(controller=law)
+        assert circuit.falling
+        assert certify(built.but(controller=circuit.law), 0.0, 6.8).stable
+        assert (float(circuit.gain_span(0.05, 0.05)[1]) > lost) is (verdict == "refuted")
+        assert with_tolerance(built, (0.0, 6.8), circuit, 0.05, 0.05).verdict == verdict
+
+
 def test_components_are_proved_with_every_loop_that_stands_for_an_effect(rig: Prototype) -> None:
     """A joint that bears softly lets the loop oscillate at a gain one per cent up, one that bears wholly does not."""
     law = Lag(gain_A_per_V=0.1109, pole_Hz=1.75, zero_Hz=26.0)

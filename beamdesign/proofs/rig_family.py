@@ -130,7 +130,8 @@ def rig_family(
             for side in sides:
                 terms = (variable[f"stage_{k}_{name}"] * s ** int(name[1]) for name in one if name[0] == side)
                 sides[side] *= 1 + sum(terms, zero)
-        numerators, denominator = [sides["n"]], sides["d"]
+        sign = -1 if law.numerators[0](0) * law.denominator(0) < 0 else 1  # the stages and the gain have none
+        numerators, denominator = [sign * sides["n"]], sides["d"]
     elif "controller_pole" in values:
         start, end = variable["controller_zero"], variable["controller_pole"]
         numerators, denominator = [end * (start + s)], start * (end + s)
