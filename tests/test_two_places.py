@@ -62,6 +62,8 @@ def test_both_at_once_are_proved(proved: Callable[[str], Certificate], name: str
     assert row.proved
     verdict = check(found.text)
     assert verdict.valid
+    # The weight of 6.8 kg, to whose pressure the gain of orifices between these factors belongs.
+    assert ("within that of 66.6852 N" in row.covers) is (name == "orifices")
 
 
 def test_a_ripple_acts_before_filters(tame: Prototype):

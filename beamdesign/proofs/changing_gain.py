@@ -340,6 +340,7 @@ def both_rows(given: Members) -> Iterator[Row]:
             f" the current while its gain changes between {change.between} times its own {how}, {where}, for every"
             f" payload that stays{frozen}. M = {multiplier}, w = {text(weight)}."
         )
+        words += f" {change.words}" if change.place == "flow" and change.words else ""  # how far orifices keep within
         yield Row(names, BOTH, True, words, None, statement)
 
 
