@@ -396,6 +396,14 @@ def test_peak_sensitivity_over_a_box():
     assert (lost.stable, lost.status, lost.claims) == (True, "no", {"peak_sensitivity": False})
 
 
+@pytest.mark.parametrize(("lead", "stable"), [("2.9", True), ("-2.9", False)])
+def test_a_coefficient_without_s_that_stands_alone_is_proved_too(lead: str, stable: bool):
+    """The pole is -(7.97 + lead k) / (k^2 + 2.65), below zero up to k = 2.748 with -2.9: it ended in a traceback."""
+    found = prove(("7.97 + (0.73 + k*k)*s", f"{lead}*k + 1.92*s"), {"k": (1.678, 2.765)})
+    assert found.stable is stable
+    assert check(found.certificate).valid
+
+
 def test_parameters_that_are_not_positive_are_proved_too():
     found = prove(
         ("k", "s**2 + 2*s + 1"),

@@ -44,7 +44,8 @@ class Pieces(Hulls):
         choices, found = np.broadcast_shapes(*(points.shape[1:-1] for _, points in hulls)), []
         for packs, points in hulls:
             each = np.broadcast_to(points, (self.count, *choices, points.shape[-1])) if packs else points
-            found.append(np.ascontiguousarray(np.moveaxis(each.reshape(2, self.count // 2, -1, each.shape[-1]), 3, 0)))
+            each = np.moveaxis(each.reshape(2, self.count // 2, -1, each.shape[-1]), 3, 0)
+            found.append(np.ascontiguousarray(each, dtype=complex))  # without s they are real
         return [one.view(float).reshape(*one.shape, 2) for one in found]
 
     def _frames(self, points: np.ndarray) -> Balls:
