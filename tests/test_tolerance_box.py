@@ -178,6 +178,10 @@ def test_dashpots_span_what_ratio_stiffness_and_mass_give(rig):
 def test_refused_boxes(rig, paper):
     with pytest.raises(InputError, match="reach zero"):
         tolerance_box(rig, 6.0)
+    doubtful = rig.but(tolerance=rig.tolerance.but(outer_end_mass=0.5))
+    with pytest.raises(InputError, match=r"outer_end_mass.*reach zero"):
+        tolerance_box(doubtful, 2.0, outer_end_mass=(1.0, 2.0))
+    assert tolerance_box(doubtful, 2.0, outer_end_mass=(0.0, 2.0)).ranges["outer_end_mass"] == (0, 4)
     with pytest.raises(InputError, match="no such figure"):
         tolerance_box(rig, names=["stiffness"])
     with pytest.raises(InputError, match="no tolerance"):

@@ -71,7 +71,8 @@ def tolerance_box(
         raise InputError(prototype.name, [Problem(name, reason) for name in unknown])
     deviations |= spread or {}
     part = {name: exact(sigmas) * exact(deviation) for name, deviation in deviations.items()}
-    if wide := [name for name, share in part.items() if share >= 1 and values[name] > 0]:
+    least = values | {"outer_end_mass": fmpq(0) if payload is None else exact(payload[0])}
+    if wide := [name for name, share in part.items() if share >= 1 and least[name] > 0]:
         reason = "{:g} standard deviations of {:g} reach zero"
         raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
     ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
