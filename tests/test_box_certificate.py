@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from math import pi, sqrt
 from pathlib import Path
@@ -24,10 +25,11 @@ from beamdesign.checker.box_loop import holds, sigmas
 from beamdesign.checker.roots import unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import box_certificate, box_of, certify_box
 from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
@@ -364,6 +366,18 @@ def test_lag_and_gain_may_vary(rig: Prototype) -> None:
 )
 def test_a_box_of_another_rig_is_refused(bound: str, path: tuple[str, ...], to: Any) -> None:
     assert refused(rewritten(bound, *path, to=to))
+
+
+def test_figures_of_a_rig_that_are_negative_are_refused(rig: Prototype) -> None:
+    """Of a rig that leaks backwards all are stable; but what a force is worth as a flow is bounded for others alone."""
+    ranges = {"leakage": (fmpq(-1, 10**14), fmpq(4, 10**13)), "outer_end_mass": (fmpq(0), fmpq(2))}
+    family = replace(rig_family(rig, varying=ranges), positive=())
+    search = Search(statement := family.over(ranges))
+    search.run(4000)
+    with ctx.workprec(96):
+        assert all(held(list(pieces(statement, search.tree))))
+    with pytest.raises(Unreadable, match=r"figures of a rig.*must not be negative"):
+        check(box_certificate(rig, family, statement, family.values, search.tree))
 
 
 def test_another_expression_is_not_of_this_rig(bound: str) -> None:

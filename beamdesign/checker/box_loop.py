@@ -47,8 +47,9 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
     needed = {*left, *spans, *(("effect_gain",) if rig.gain() != ONCE else ())}
     if wrong := sorted(expression.ranges.keys() - own.keys() - needed | needed - expression.ranges.keys()):
         raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
-    if expression.delay not in (None, "delay") or any(expression.ranges[name][0] < 0 for name in left):
-        raise Unreadable("the delay and the outer end mass must not be negative")
+    negative = (name for name in expression.ranges if name in (*left, *own) and expression.ranges[name][0] < 0)
+    if expression.delay not in (None, "delay") or any(negative):
+        raise Unreadable("figures of a rig, delay and outer end mass must not be negative")
     deviations = deviations_of(table, own)
     for name, ends in expression.ranges.items():
         if name in own and not ends[0] <= own[name] <= ends[1]:
