@@ -164,6 +164,19 @@ def test_a_box_without_width_has_what_the_other_prover_finds(rig: Prototype):
     assert found["peak_sensitivity"] >= exactly.peak_sensitivity * (1 - 1e-4)
 
 
+def test_a_goal_that_is_just_kept_is_proved_and_not_what_is_a_little_looser(rig: Prototype):
+    """The other prover says what the loop keeps; goals set there are to be kept over the box too."""
+    exactly = certify(rig, *MASSES).guaranteed
+    goal = rig.goal.but(
+        peak_sensitivity=1.0005 * exactly.peak_sensitivity, peak_over_passive=1.0005 * exactly.peak_over_passive
+    )
+    close = rig.but(goal=goal)
+    found = guaranteed_fields(best_over_box(close, tolerance_box(close, 0.0, None, MASSES)))
+    assert exactly.peak_sensitivity * (1 - 1e-4) <= found["peak_sensitivity"] <= goal.peak_sensitivity
+    most = goal.peak_over_passive * exactly.servo_off_m_per_N
+    assert exactly.peak_compliance_m_per_N * (1 - 1e-4) <= found["peak_compliance_m_per_N"] <= most
+
+
 def test_a_box_with_a_member_that_gives_way_at_rest_has_no_bandwidth(rig: Prototype):
     """Of a valve's dead band that member has no gain."""
     dead = rig.but(effects={"valve_deadband": {}})

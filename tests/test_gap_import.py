@@ -416,6 +416,24 @@ def test_of_columns_of_one_name_that_in_the_unit_stated_is_meant(tmp_path: Path,
         import_measured([path], RIG, tmp_path / "other", ["displacement_m = tip"])
 
 
+def test_a_channel_has_another_name_in_another_file(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """Of several that are named that counts which a file has, with its own unit and sign; none and two are refused."""
+    time, force, _, current, tip = motion.values()
+    first = table(tmp_path / "a.csv", "t,AI0,AI1,AI2", [time, force, 1e3 * current, 1e3 * tip])
+    second = table(tmp_path / "b.csv", "t,ch1,ch2,AI2b", [time, 1e6 * tip, -current, 1e-3 * force])
+    ways = "disturbance_N = AI0", "current_A = AI1 [mA]", "displacement_m = AI2 [mm]"
+    ways += "displacement_m = ch1 [um]", "current_A = -ch2", "disturbance_N = AI2b [kN]"
+    found = import_measured([first, second], RIG, tmp_path / "set", ways)
+    for record in found.dataset.records:
+        same(record, motion | {"command_V": 0 * TIMES})
+    with pytest.raises(InputError, match=r"b\.csv: displacement_m: there is no column 'AI2'; the file has t, ch1"):
+        import_measured([first, second], RIG, tmp_path / "other", ways[:3])
+    with pytest.raises(InputError, match=r"a\.csv: disturbance_N: there are 2 columns 'AI0' or 'AI1'"):
+        import_measured([first], RIG, tmp_path / "other", ["disturbance_N = AI0", "disturbance_N = AI1", *ways[1:3]])
+    without = "disturbance_N = AI0", "disturbance_N = 0", *ways[1:5]
+    assert np.ptp(import_measured([second], RIG, tmp_path / "third", without).dataset.records[0].inputs[:, 0]) == 0
+
+
 @pytest.mark.parametrize("name", ["Screw force", "spindle_force", "Spindelkraft"])
 def test_the_force_of_a_screw_is_no_disturbance(tmp_path: Path, motion: dict[str, np.ndarray], name: str) -> None:
     found = imported(table(tmp_path / "a.csv", HEAD.replace("force", name), list(motion.values())))
@@ -525,10 +543,16 @@ def test_columns_that_blanks_part(tmp_path: Path, motion: dict[str, np.ndarray],
         ("2026-02-28T13:05:00.0", "%H:%M:%S.%f"),
         ("2026-02-28T23:59:59.9", "%H:%M:%S.%f"),  # over midnight
         ("2026-02-28T23:59:59.9", "%Y-%m-%d;%H:%M:%S.%f"),
+        ("2026-02-28T23:59:59.9", "%d.%m.%Y %H:%M:%S,%f"),  # the last day of a month
+        ("2026-02-28T23:59:59.9", "%d.%m.%y;%H:%M:%S,%f"),
+        ("2026-12-31T23:59:59.9", "%m/%d/%Y  %H:%M:%S.%f"),
+        ("2026-12-31T11:59:59.9", "%m/%d/%Y %I:%M:%S.%f %p"),  # over noon
+        ("2026-12-31T12:59:59.9", "%I:%M:%S.%f%p"),
+        ("2026-12-31T09:59:59.9", "%Y/%m/%d %-H:%M:%S.%f"),
     ],
 )
 def test_times_of_day(tmp_path: Path, motion: dict[str, np.ndarray], begin: str, form: str) -> None:
-    """A stamp of ISO 8601 counts in seconds from the first; a date beside it is no channel."""
+    """A stamp of ISO 8601, or as loggers write it, counts in seconds from the first; a date beside it is no channel."""
     stamps = [(datetime.fromisoformat(begin) + timedelta(seconds=t)).strftime(form) for t in TIMES.tolist()]
     rows = np.column_stack(list(motion.values())[1:]).tolist()
     head = ";".join(["Date"] * form.count(";") + ["Time [hh:mm:ss]", *list(motion)[1:]])
@@ -546,7 +570,8 @@ def test_times_of_day(tmp_path: Path, motion: dict[str, np.ndarray], begin: str,
         ("a.csv", b"t_s;x\n1;2\n;4\n5;6\n7;8\n", "'t_s' has 1 values that are not finite"),
         ("a.csv", b"t_s;x\n01:02:03;2\n01:02:61;1\n01:02:05;6\n", "a time of day or a date that there is not"),
         ("a.csv", b"t_s;x\n01:02:03;2\n4;1\n01:02:05;6\n", "row 2 of its numbers has a cell that is no number"),
-        ("a.csv", b"hello\n", "no rows of numbers"),
+        ("a.csv", b"hello\n", "no rows of numbers.*; its last line is 'hello'"),
+        ("a.csv", b"t_s;x\n30.2.2026 1:02:63;2\n30.2.2026 1:02:04;1\n30.2.2026 1:02:05;6\n", "a time of day or a date"),
         ("a.csv", b"\n", "no rows of numbers"),
         ("a.mat", b"MATLAB 7.3 MAT-file" + bytes(600), "MATLAB"),
         ("a.uff", b"nothing\n", "no time record and no frequency response"),
@@ -566,4 +591,5 @@ def test_the_command_tells_what_it_took(tmp_path: Path, motion: dict[str, np.nda
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     assert "tip [mm] x 0.001" in done.output
+    assert "taken as 0 kg in every file" in done.output
     assert (tmp_path / "rig1" / "records" / "push.csv").is_file()

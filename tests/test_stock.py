@@ -115,6 +115,14 @@ def test_unknown_material_is_refused_with_the_known_ones():
 OWN = {"youngs_modulus_Pa": 200e9, "density_kg_per_m3": 7900.0, "proof_strength_Pa": 500e6, "source": "tested"}
 
 
+def test_the_strength_of_an_own_material_is_of_no_standard_that_it_does_not_name():
+    """The class of buckling of an alloy is of EN 1999-1-1; its strength is what its builder states."""
+    own = Material(name="6060 T66", buckling_class="A", **{key: OWN[key] for key in OWN if key != "source"})
+    assert own.strength_source == "as given"
+    assert Material(name="6060 T66", buckling_class="A", **OWN).strength_source == "tested"
+    assert material("6060-T66").strength_source.startswith("EN 1999-1-1")
+
+
 def of_own(**figures):
     """The shipped study with both beams of a material of its own."""
     table = read_table(STUDY)

@@ -352,7 +352,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     if verdict.stable and missing:
         echo(f"  not proved of every member: {', '.join(missing).replace('_', ' ')}")
     if (peak := sure["peak_sensitivity"]) and peak > record.goal.peak_sensitivity:
-        echo(f"  the peak sensitivity is beyond the goal of {record.goal.peak_sensitivity:g}")
+        echo(f"  the peak sensitivity is not proved within the goal of {record.goal.peak_sensitivity:g}")
     if softest := sure["peak_compliance_m_per_N"]:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
         _echo_over_passive(softest, *over, record.goal, " for every member")

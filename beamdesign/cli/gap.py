@@ -209,7 +209,8 @@ def import_files(
         prototype: the model that was believed, with the controller that acted.
         out: folder for dataset.toml, prototype.toml and records.
         column: name a column, with its unit, and a minus sign before NAME to turn it round, such as
-            'current_A = -i_valve [mA]', or 0 instead of NAME where there is none; again for each.
+            'current_A = -i_valve [mA]', or 0 instead of NAME where there is none; again for each, and for each
+            name that a channel has in other files.
         outer_end_mass: payload while they were taken; once, or once for each file.
         inner_end_mass: mass added inside; else the prototype's.
         rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.
@@ -219,10 +220,13 @@ def import_files(
             taken; else the samples tell, and what was done is printed.
     """
     from beamdesign import import_measured
+    from beamdesign.diagnosis.data.dataset import Dataset
 
     masses = outer_end_mass or (0.0,)
     found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or (), clock)
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
+    if not outer_end_mass and isinstance(found.dataset, Dataset):
+        echo("mass on the outer tip: taken as 0 kg in every file, as none is stated; --outer-end-mass KG states it")
     echo(f"next:    beamdesign gap diagnose {quote(str(out))}")
     return CommandResult(found.to_dict(), files=found.paths)
 

@@ -38,11 +38,12 @@ from beamdesign.proofs.box_member import (
     worst_of,
 )
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.certificate import LOWER_GAINS, Asked
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, peak_claim
 from beamdesign.proofs.multiplier import angle_ratios, presupposed
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import FACTOR, performing_spans, rig_family
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, Statement
+from beamdesign.proofs.tolerance_box import servo_off_over_box
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, held, pieces
@@ -249,7 +250,10 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000) -> tuple[B
     for one in while_time((Asked("compliance", goal.compliance_m_per_N), *asked), _named):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
-            claims += [] if best is None else _proved(prototype, box, best, budget)
+            limits: tuple[Asked, ...] = (one,)
+            if one.kind == "peak_compliance":
+                limits = peak_claim(goal, servo_off_over_box(prototype, box)[0]) if goal.peak_over_passive < inf else ()
+            claims += [] if best is None else _proved(prototype, box, best, budget, limits)
     return tuple(claims)
 
 
@@ -258,10 +262,14 @@ def _named(asked: Asked) -> str:
     return asked.kind.replace("_", " ")
 
 
-def _proved(prototype: Prototype, box: Box, best: Asked, budget: int) -> list[BoxClaim]:
-    """One claim, as near to the best as it is proved; none where it is not."""
-    for factor in _RELAXATIONS:
-        claim = claim_over_box(prototype, box, relaxed(best, factor), budget)
+def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, goal: Sequence[Asked]) -> list[BoxClaim]:
+    """One claim, as near to the best as it is proved; none where it is not.
+
+    A goal that the best keeps, and what is a little looser does not, is tried first.
+    """
+    tried = [relaxed(best, factor) for factor in _RELAXATIONS]
+    for asked in (*(one for one in goal if best.limit <= one.limit < tried[0].limit), *tried):
+        claim = claim_over_box(prototype, box, asked, budget)
         if claim.holds:
             return [claim]
         if over():

@@ -95,8 +95,9 @@ class Material(Record):
 
     @property
     def strength_source(self) -> str:
-        """Where its strength comes from, in words."""
-        return STRENGTH_SOURCE if self.buckling_class and self.source is None else self.source or "as given"
+        """Where its strength comes from, in words; of a material of one's own what that states."""
+        tabled = STRENGTH_SOURCE if self.buckling_class and self.name in _known() else "as given"
+        return self.source or tabled
 
     def __str__(self) -> str:
         return self.name

@@ -1,6 +1,7 @@
 """Which column of a measured file is which channel of a record: told by names and units, for each kind of rig."""
 
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -107,16 +108,16 @@ def channels_of(prototype: AnyPrototype) -> Channels:
     return Channels(_RECORD, needed, ("current_A",), INPUTS, sensor_V_per_m=prototype.sensor.gain_V_per_m)
 
 
-def asked(texts: Sequence[str], channels: Channels) -> dict[str, tuple[str, str, float]]:
+def asked(texts: Sequence[str], channels: Channels) -> dict[str, list[tuple[str, str, float]]]:
     """Columns that are named, `CHANNEL = NAME [UNIT]` with a minus sign before NAME to turn it round.
 
     Returns:
-        By channel the name, the unit (empty where none is stated) and the sign.
+        By channel the name, the unit (empty where none is stated) and the sign of each column that is named for it.
 
     Raises:
         InputError: with all that cannot be read.
     """
-    found, wrong = dict[str, tuple[str, str, float]](), list[Problem]()
+    found, wrong = defaultdict[str, list[tuple[str, str, float]]](list), list[Problem]()
     for text in texts:
         channel, equals, rest = (part.strip() for part in text.partition("="))
         match = re.match(r"^(-?)\s*(.*?)\s*(?:\[([^\]]*)\])?$", rest)
@@ -126,10 +127,12 @@ def asked(texts: Sequence[str], channels: Channels) -> dict[str, tuple[str, str,
             )
         elif channel not in channels.known:
             wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(channels.known)}"))
-        elif channel in found:
-            wrong.append(Problem("--column", f"{channel!r} is named twice; name one column of it"))
+        elif match[2] in (name for name, unit, _ in found.get(channel, ()) if unit == (match[3] or "").strip()):
+            wrong.append(
+                Problem("--column", f"{channel!r} is named twice as {match[2]!r}; name each column of it once")
+            )
         else:
-            found[channel] = match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0
+            found[channel].append((match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0))
     if wrong:
         raise InputError("gap import", wrong)
     return found

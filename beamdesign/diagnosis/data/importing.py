@@ -111,7 +111,8 @@ def import_measured(
         prototype: the model that was believed, with its controller.
         out: folder.
         columns: that names and units do not tell, each `CHANNEL = NAME [UNIT]`, with a minus sign before NAME to turn
-            it round; `t_s = 0.001 [s]` states the interval where no column has times.
+            it round; of several of one channel that counts which a file has. `t_s = 0.001 [s]` states the interval
+            where no column has times.
         outer_end_masses_kg: payload of every file, or one for all.
         inner_end_mass_kg: mass added inside; that of the prototype where None.
         rest_s: how long everything rests at the beginning: the mean of that time is taken off. Every record goes on
@@ -273,25 +274,29 @@ def _fresh(name: str, known: Mapping[str, object]) -> str:
 
 
 def _record(
-    found: Measured, named: Mapping[str, tuple[str, str, float]], channels: Channels, rest_s: float
+    found: Measured, named: Mapping[str, Sequence[tuple[str, str, float]]], channels: Channels, rest_s: float
 ) -> tuple[dict[str, np.ndarray], tuple[Taken, ...], list[str]]:
     """Columns, what they are from, and what was done to them."""
     table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
-    chosen: dict[str, Column] = {}
+    chosen, signs = dict[str, Column](), dict[str, float]()
     free = list(found.columns)
-    for channel, (name, unit, _) in named.items():
-        meant = _called(name, unit, found)
-        if channel not in channels.needed and name == NOTHING and not meant:
+    for channel, ways in named.items():
+        meant = [(column, way) for way in ways for column in _called(*way[:2], found)]
+        numbers = [way for way in ways if NUMBER.match(way[0])]
+        if channel not in channels.needed and not meant and any(name == NOTHING for name, _, _ in numbers):
             continue
-        if channel == "t_s" and not meant and NUMBER.match(name):
-            meant = [Column(name, "s", numbers_of([name])[0] * np.arange(len(found.columns[0].values)))]
+        if channel == "t_s" and not meant:
+            sample = np.arange(len(found.columns[0].values))
+            meant = [(Column(way[0], "s", numbers_of([way[0]])[0] * sample), way) for way in numbers]
         if len(meant) == 1:
-            chosen[channel] = replace(meant[0], unit=unit or meant[0].unit)
-            free = [column for column in free if column is not meant[0]]
+            ((column, (_, unit, signs[channel])),) = meant
+            chosen[channel] = replace(column, unit=unit or column.unit)
+            free = [one for one in free if one is not column]
         else:
             are = f"are {len(meant)} columns" if meant else "is no column"
             which = ": name one with its own unit, as NAME [UNIT]" if meant else ""
-            wrong.append(Problem(channel, f"there {are} {name!r}{which}; {_there(found)}"))
+            names = " or ".join(repr(name) for name, _, _ in ways)
+            wrong.append(Problem(channel, f"there {are} {names}{which}; {_there(found)}"))
     for channel in (one for one in channels.known if one not in named):
         alike = channels.alike(channel, free)
         if len(alike) == 1:
@@ -324,7 +329,7 @@ def _record(
         if factor is None:
             wrong.append(Problem(channel, f"{column.name!r} is in {said!r}: {words}"))
             continue
-        sign = named[channel][2] if channel in named else 1.0
+        sign = signs.get(channel, 1.0)
         table[channel] = sign * factor * column.values
         missing = ~np.isfinite(column.values) if channel == "t_s" else np.isinf(column.values)
         if lost := np.flatnonzero(missing).tolist():

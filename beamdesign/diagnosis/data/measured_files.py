@@ -19,12 +19,15 @@ import numpy as np
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.records import InputError
 
-_FEWEST, _LONGEST_UNIT = 3, 6
+_FEWEST, _LONGEST_UNIT, _SHOWN = 3, 6, 80
 _IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
 _IN_WORDS = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)\s*$")
 NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
-_TIME = r"\d\d:\d\d:\d\d([.,]\d+)?"
-_CLOCK = re.compile(rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|{_TIME})\s*$")
+_TIME = r"\d?\d:\d\d:\d\d([.,]\d+)?"
+_DAY = r"(\d{1,2}[./]\d{1,2}[./](\d{4}|\d\d)|\d{4}[./]\d{1,2}[./]\d{1,2})"
+_CLOCK = re.compile(
+    rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|({_DAY}[T ]\s*)?{_TIME}( ?[AP]M)?|{_DAY})\s*$", re.IGNORECASE
+)
 _VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
 UNITS = {
@@ -136,7 +139,8 @@ def _text(path: Path) -> Measured:
         if first is not None and len(rows) - first >= _FEWEST:
             break
     else:
-        raise _refuse(path, "holds no rows of numbers that commas, semicolons, tabs or blanks part")
+        last = f"; its last line is {lines[-1][:_SHOWN]!r}" if lines else ""
+        raise _refuse(path, f"holds no rows of numbers that commas, semicolons, tabs or blanks part{last}")
     width = len(rows[first])
     heads = [row[:width] for row in rows[:first] if len(row) in (width, width + 1)]  # a comment may have no column
     names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
@@ -243,11 +247,18 @@ def numbers_of(cells: Sequence[str]) -> np.ndarray:
 
 
 def _seconds(cells: Sequence[str]) -> np.ndarray:
-    """Since the first, of times of day (over midnight too), of dates, or of both, by ISO 8601."""
-    plain = [cell.strip().removesuffix("Z").replace(",", ".") for cell in cells]
-    times = [datetime.fromisoformat(cell if "-" in cell else f"2000-01-01 {cell}") for cell in plain]
+    """Since the first, of dates or dates and times by ISO 8601, and of times of day, over midnight too.
+
+    Of days written otherwise nothing tells which number is the month; nor is it needed beside times of day.
+    """
+    plain = [cell.strip().upper().removesuffix("Z").replace(",", ".") for cell in cells]
+    dated, halved = "-" in plain[0], plain[0].endswith("M")
+    if not dated:
+        times_of_day = (re.sub(rf"^{_DAY}([T ]\s*|$)| ?[AP]M$", "", cell) or "00:00:00" for cell in plain)
+        plain = [f"2000-01-01 {'0' * (time[1] == ':')}{time}" for time in times_of_day]
+    times = [datetime.fromisoformat(cell) for cell in plain]
     since = np.array([(time - times[0]).total_seconds() for time in times])
-    return since if "-" in plain[0] else np.unwrap(since, period=86400.0)
+    return since if dated else np.unwrap(since, period=43200.0 if halved else 86400.0)
 
 
 def _column(name: str, unit: str, values: np.ndarray) -> Column:
