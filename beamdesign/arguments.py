@@ -57,11 +57,16 @@ def takes(*kinds: str) -> Callable[[Callable[Given, Found]], Callable[Given, Fou
             given = {**dict(zip(parameters, args, strict=False)), **named}
             if wrong := [(key, reason) for key, one in given.items() if (reason := why(key, one))]:
                 raise WrongArgument(function.__name__, wrong)
-            return function(*args, **named)
+            return function(*map(_plain, args), **{key: _plain(one) for key, one in named.items()})
 
         return called
 
     return refusing
+
+
+def _plain(given: Any) -> Any:
+    """A number of numpy as that of Python, which exact arithmetic asks for; anything else as it is."""
+    return given.item() if getattr(given, "ndim", None) == 0 and hasattr(given, "item") else given
 
 
 def _unlike(annotation: Any, given: object) -> str:

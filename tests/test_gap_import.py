@@ -55,7 +55,7 @@ def test_a_spreadsheet_with_decimal_commas_and_a_row_of_units(tmp_path: Path, mo
     values = np.column_stack(list(motion.values())) + np.array([12, 0, 0, 0, 0])
     lines += [";".join(f"{x:.12g}" for x in row * list(factors.values())).replace(".", ",") for row in values]
     (tmp_path / "lauf 1.csv").write_bytes("\n".join(lines).encode("latin-1"))
-    found = imported(tmp_path / "lauf 1.csv", outer_end_masses_kg=[2.5])
+    found = imported(tmp_path / "lauf 1.csv", outer_end_masses_kg=np.float32(2.5))
     same(found.dataset.records[0], motion)
     assert found.dataset.records[0].outer_end_mass == 2.5
     (rows,) = found.taken.values()

@@ -46,6 +46,18 @@ def off(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.sqrt(np.mean((found - true) ** 2)) / np.std(true))
 
 
+def test_stamps_with_too_few_digits_are_refused_with_the_interval_to_state(tmp_path: Path) -> None:
+    """At 2 kHz every other stamp of whole milliseconds repeats; what is advised is then the record as it was taken."""
+    taken = STEP / 2 * np.arange(COUNT)
+    path = written(tmp_path / "a.csv", taken, np.floor(taken * 1e3) / 1e3, 60.0, noise=0.0)
+    with pytest.raises(InputError, match=r"row 2 repeats .* --column 't_s = 0\.0005 \[s\]'"):
+        import_measured([path], RIG, tmp_path / "set")
+    record = import_measured([path], RIG, tmp_path / "set", ["t_s = 0.0005 [s]"]).dataset.records[0]
+    assert record.times == pytest.approx(taken)
+    truth = signals(60.0)["displacement_m"](taken)
+    assert off(record.measured["displacement_m"], truth) < 1e-6
+
+
 @pytest.mark.parametrize("jitter", [0.05, 0.15, 0.3])
 def test_samples_tell_whether_a_clock_was_even_or_its_stamps_are_true(tmp_path: Path, jitter: float) -> None:
     """Taken the wrong way, stamps that are off by 0.3 intervals make 0.3/sqrt(3) 2 pi f T of a sine: 4 % at 40 Hz."""

@@ -96,7 +96,7 @@ def import_measured(
     prototype: Path | str,
     out: Path | str,
     columns: Sequence[str] = (),
-    outer_end_masses_kg: Sequence[float] = (0.0,),
+    outer_end_masses_kg: Sequence[float] | float = (0.0,),
     inner_end_mass_kg: float | None = None,
     rest_s: float = 0.0,
     stages: Sequence[int] = (),
@@ -132,7 +132,8 @@ def import_measured(
     model = read_any_prototype(prototype)
     channels = channels_of(model)
     named, bench = asked(columns, channels), isinstance(model, BenchPrototype)
-    stated = _stated(model, files, outer_end_masses_kg, inner_end_mass_kg, rest_s, stages)
+    masses = [outer_end_masses_kg] if isinstance(outer_end_masses_kg, float | int) else [*outer_end_masses_kg]
+    stated = _stated(model, files, masses, inner_end_mass_kg, rest_s, stages)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
     taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, Mapping[str, np.ndarray]](), dict[str, Path]()
     for path, at in zip(map(Path, files), stated, strict=True):
