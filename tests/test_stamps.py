@@ -50,7 +50,7 @@ def test_stamps_with_too_few_digits_are_refused_with_the_interval_to_state(tmp_p
     """At 2 kHz every other stamp of whole milliseconds repeats; what is advised is then the record as it was taken."""
     taken = STEP / 2 * np.arange(COUNT)
     path = written(tmp_path / "a.csv", taken, np.floor(taken * 1e3) / 1e3, 60.0, noise=0.0)
-    with pytest.raises(InputError, match=r"row 2 repeats .* --column 't_s = 0\.0005 \[s\]'"):
+    with pytest.raises(InputError, match=r"repeats the time of .* --column 't_s = 0\.0005 \[s\]'"):
         import_measured([path], RIG, tmp_path / "set")
     record = import_measured([path], RIG, tmp_path / "set", ["t_s = 0.0005 [s]"]).dataset.records[0]
     assert record.times == pytest.approx(taken)
