@@ -48,6 +48,24 @@ def edited(tmp_path):
     return write
 
 
+@pytest.mark.parametrize(("payload_kg", "more"), [(6.8, False), (500.0, True)])
+def test_the_weight_that_no_check_counts_is_told(run, edited, tmp_path, payload_kg, more):
+    """Statics: a cantilever of weight w L with a mass m at its tip, held there, asks 3/8 w L + m g of the prop."""
+    path = edited("outer_end_mass_kg = [0.0, 6.8]", f"outer_end_mass_kg = [0.0, {payload_kg}]")
+    status, output, fields = run(path)
+    tube, beam = Tube(**fields["outer"]), read_problem(path).outer_beam
+    per_m = beam.material.density_kg_per_m3 * (tube.width_m**2 - (tube.width_m - 2 * tube.wall_m) ** 2)
+    weight = 9.80665 * (payload_kg + beam.end_mass_kg + 3 / 8 * per_m * beam.free_length_m)
+    assert status == 0
+    told = float(output.partition("not counted in these checks: ")[2].split()[0])
+    assert weight <= told < 1.005 * weight
+    assert ("more than the load of 2000 N" in output) is more
+    write_prototype(
+        read_problem(path).prototype(*(Tube(**fields[name]) for name in ("outer", "inner"))), tmp_path / "p.toml"
+    )
+    assert ("more than the load of 2000 N" in run(tmp_path / "p.toml")[1]) is more
+
+
 def test_study_gives_the_fields_of_the_contract(run):
     status, output, fields = run(STUDY)
     assert status == 0

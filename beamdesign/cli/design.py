@@ -27,6 +27,7 @@ _DESIGNING = 0.85
 
 if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem
+    from beamdesign.prototype import Prototype
     from beamdesign.synthesis.codesign import Codesign
     from beamdesign.synthesis.design_run import DesignRun
 
@@ -169,7 +170,21 @@ def size(
         echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
         prices = [(name, price) for name, price in free.shadow_prices.items() if price]
         echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
+    if found.feasible:
+        rig = problem.prototype(found.outer, found.inner)
+        _echo_weight(rig, problem.load.tip_force_N, "load.tip_force_N")
     return CommandResult(found.to_dict(), found.feasible)
+
+
+def _echo_weight(rig: "Prototype", load_N: float, key: str) -> None:
+    """The weight that no check of sections counts, and that it is to be no more than the load."""
+    from beamdesign.plant.members import weight_N
+    from beamdesign.quantities import at_most
+
+    weight = weight_N(rig, (rig.payload.outer_end_mass_kg or (0.0, 0.0))[1])
+    words = f"not counted in these checks: {at_most(weight, 'N')} of weight of the largest payload and the link, level"
+    more = f"; it is more than the load of {load_N:g} N, which is to be no less ({key}), as `beamdesign run` asks"
+    echo(words + more * (weight > load_N))
 
 
 def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
@@ -194,6 +209,7 @@ def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
     echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
     if not pair.feasible:
         echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
+    _echo_weight(prototype, force, said)
     assumed = {
         "load": {"tip_force_N": force},
         "clearance": asked.clearance.model_dump(),
