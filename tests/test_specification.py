@@ -185,6 +185,16 @@ def test_a_stock_size_is_its_own_nearest() -> None:
     assert all(nearest_stock_tube(tube) == tube for shape in SHAPES for tube in stock_tubes(shape))
 
 
+def test_a_stock_size_that_is_less_stiff_is_called_so(run: DesignRun, prototype: Prototype) -> None:
+    """Of a square tube I = (w^4 - (w - 2 t)^4) / 12; the list ends at 0.2 m and 10 mm, a third less stiff than this."""
+    wide = prototype.outer_beam.but(width_m=0.3, wall_m=0.004, stiffness_N_per_m=None, effective_mass_kg=None)
+    text = markdown(replace(run, prototype=prototype.but(outer_beam=wide)))
+    share = (0.2**4 - 0.18**4) / (0.3**4 - 0.292**4)
+    (row,) = (line for line in text.splitlines() if ", less stiff |" in line)
+    assert row.startswith(f"| outer | 200 × 200 × 10 mm, less stiff | stiffness -{100 * (1 - share):.1f} %"), row
+    assert "less stiff |" not in markdown(run)
+
+
 def test_proportional_control_has_its_gain_alone(run: DesignRun, prototype: Prototype) -> None:
     plain = prototype.but(controller=Proportional(gain_A_per_V=0.002))
     text = markdown(DesignRun(run.problem, run.sizing, run.tuning, run.certificate, plain))

@@ -59,7 +59,7 @@ class StockChoice:
 
     Attributes:
         made: what to cut and clamp.
-        stock: nearest stock tube that is no less stiff.
+        stock: nearest stock tube that is no less stiff; where there is none, the stiffest.
         same: whether the tube is that stock size.
         fits: whether the gap between the tubes stays positive with it.
         stiffness_N_per_m: of the tip as specified, and with the stock tube by its geometry.
@@ -82,6 +82,11 @@ class StockChoice:
     stable: bool | None
     bandwidth_Hz: float | None
     peak_sensitivity: float | None
+
+    @property
+    def softer(self) -> bool:
+        """Whether the stock tube is less stiff than the beam as specified."""
+        return not self.same and self.stiffness_N_per_m[1] < self.stiffness_N_per_m[0]
 
 
 def nearest_stock_tube(made: Tube) -> Tube:
