@@ -218,19 +218,20 @@ def evened(
 
     Args:
         path: of the file it is from.
-        table: (N,) each, by channel, the times in `t_s`; as it is, too, where these fall.
+        table: (N,) each, by channel, the times in `t_s`; as it is, too, where these fall or a few repeat.
         stated: whether samples were taken by an even clock or when their stamps say; else they tell it themselves.
 
     Raises:
-        InputError: where they do not and it matters, where stamps repeat or there is no even clock, and where values at
+        InputError: where they do not and it matters, where many repeat or there is no even clock, and where values at
             even times would be off by more than `LARGEST_ERROR`.
     """
     times, channels = table["t_s"], {name: values for name, values in table.items() if name != "t_s"}
-    if len(times) >= _FEWEST and np.diff(times).min() == 0 < np.ptp(times):
+    steps = np.diff(times)
+    if np.sum(steps == 0) >= _FEWEST and steps.min() == 0 < steps.max():  # not a row that stands there twice
         interval = f"--column 't_s = {np.polyfit(np.arange(len(times)), times, 1)[0]:.4g} [s]'"
         reason = "where stamps have too few digits for an even clock, state its interval"
         raise InputError(path, [("t_s", f"{unrising(times)}: {reason}, such as {interval}")])
-    if len(times) < _FEWEST or not np.all(np.diff(times) > 0):
+    if len(times) < _FEWEST or not np.all(steps > 0):
         return table, ""
     stamps = stamps_of(times, channels)
     clock, most = stated or stamps.clock, max(stamps.apart, key=lambda name: stamps.apart[name], default="")
