@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
+from scipy.optimize import brentq
 
 from beamdesign.diagnosis.experiment import (
     Experiment,
     _Foreseen,
     _grown,
+    _jobs,
     _joined,
+    _without_retuning,
     distance,
     information,
     menu,
@@ -126,6 +129,27 @@ def test_figures_are_retuned_to_all_records_at_once():
     free = [np.full((1, 1), 2.0), np.full((1, 1), 2.0)]
     both = _joined([first._replace(free=free), second._replace(free=free)])
     assert both.between[0, 1] == pytest.approx(np.sqrt(9.0 - 36.0 / 9.0))
+
+
+def test_no_record_is_proposed_of_which_rivals_disagree_whether_the_loop_is_stable(slow):
+    """Little damping is left or none: what the rest of a rig does to that tells more than which rival it is."""
+    steady, rival = fitted(TRUTH, slow), fitted(RIVAL, slow)
+    one = next(one for one in menu(slow) if one.scenario.record[0].input[0].kind == "load_steps")
+    (job,), placement = _jobs(slow.prototype, one.scenario), rival.hypothesis.placement(slow.prototype)
+    k = [unknown.name for unknown in placement.unknowns].index("flow_gain")
+
+    def louder(by: float) -> np.ndarray:
+        return rival.z + by * np.eye(len(rival.z))[k]
+
+    edge = brentq(lambda by: 2.0 * job.grows(placement, louder(by)) - 1, 0.0, 40.0, xtol=1e-3)
+    growing = replace(rival, z=louder(edge + 0.02))
+    moved = [job.simulated(placement, z, ("displacement_m",)) for z in (louder(edge - 0.5), growing.z)]
+    late, whole = ([np.abs(y[since:]).max() for y in moved] for since in (-800, 0))
+    assert late[0] < 0.05 * whole[0]
+    assert late[1] > 0.3 * whole[1]  # simulated: it rings on, where nothing has acted for long
+    assert _without_retuning(slow, one, [steady, growing]) is None
+    for agreed in ([steady, rival], [growing, growing]):
+        assert _without_retuning(slow, one, agreed) is not None
 
 
 def test_one_rival_alone_needs_no_experiment(slow):

@@ -309,12 +309,16 @@ def _joined(records: Sequence[_Foreseen]) -> Experiment:
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
     """(R, R) differences of rivals with nothing re-tuned; None where one, or the prototype itself, does not predict it.
 
-    A record that the prototype does not predict could not be diagnosed: fits begin there.
+    A record that the prototype does not predict could not be diagnosed: fits begin there. Nor is one proposed of which
+    rivals disagree whether the loop is stable: it would separate them by how little damping is left, which anything
+    that none of them has changes as much.
     """
     channels, nothing = _channels(data), NOTHING.placement(data.prototype)
     (job,), column = _jobs(data.prototype, experiment.scenario), channels.index("displacement_m")
     asked = [(nothing, np.zeros(len(nothing.unknowns)))]
     asked += [(fit.hypothesis.placement(data.prototype), fit.z) for fit in rivals]
+    if len({job.grows(placement, z) for placement, z in asked[1:]}) > 1:
+        return None
     made = [job.simulated(placement, z, channels) for placement, z in asked]
     predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)

@@ -83,6 +83,15 @@ class Replay:
         loud = np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))
         return np.abs(found * loud[:, None]) ** 2, np.abs(forced) ** 2
 
+    def grows(self, placement: Placement, z: np.ndarray) -> bool:
+        """Whether a motion about rest grows e-fold within the record, by the linear loop; also where nothing rests."""
+        parameters, placed = self.parameters(placement, z), self.placed(placement)
+        try:
+            loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
+        except ValueError:
+            return True
+        return float(loop.poles.real.max()) * float(self.record.since_start[-1]) > 1
+
     def simulated_with_slopes(
         self,
         placement: Placement,
