@@ -13,8 +13,8 @@ from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, together
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.where.locate import kind_of_effect, laws_of, lines_of, locate, setting
-from beamdesign.diagnosis.where.missing import stop
-from beamdesign.diagnosis.where.residuals import residuals
+from beamdesign.diagnosis.where.missing import stop, terms
+from beamdesign.diagnosis.where.residuals import places, residuals
 
 
 def tuned(data) -> tuple[Search, Fit, tuple]:
@@ -51,6 +51,20 @@ def test_linear_rig_in_frequency_is_the_simulated_one(bare):
         column = item.channels.index("displacement_m")
         found = item.nominal["displacement_m"]
         assert np.std(found - expected[:, column]) < 2e-3 * np.std(expected[:, column])
+
+
+@pytest.mark.parametrize("rig", ["twin_beam", "ball_screw"])
+def test_what_is_tried_of_a_rig_eight_times_as_slow_is_what_is_tried_of_the_published_one(rig):
+    """In time that goes by so many times as slowly every law is the same, but for the unit of its derivatives."""
+    signal, s = np.cumsum(np.random.default_rng(3).normal(size=400)), 2j * np.pi * np.geomspace(1.0, 300.0, 40)
+    usual, slow = (terms(lambda name: np.geomspace(0.1, 3.0, 6), places(rig), p, 5e-4 / p) for p in (1.0, 1 / 8))
+    for one, other in zip(usual, slow, strict=True):
+        if one.kind == "linear":
+            expected, found = (np.asarray(term.law(at)) for term, at in ((one, s), (other, s / 8)))
+            expected, found = expected / expected[0], found / found[0]
+        else:
+            expected, found = (term.law(*[signal] * len(term.signals)) for term in (one, other))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, err_msg=f"{one.words}, {other.words}")
 
 
 def test_stop_operator_on_a_triangle():

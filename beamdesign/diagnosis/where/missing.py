@@ -21,7 +21,9 @@ from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
 from beamdesign.diagnosis.judgement import pieces_of
 from beamdesign.diagnosis.where.residuals import Places, Residual
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.assembly import pace
 from beamdesign.plant.compiled import as_machine_code
+from beamdesign.structure.lumped import figures
 from beamdesign.time_limit import heed
 
 Law = Callable[..., np.ndarray]
@@ -49,20 +51,29 @@ class Term:
     kind: str = "static"
 
 
-def terms(levels: Levels, at: Places) -> tuple[Term, ...]:
+def terms(levels: Levels, at: Places, pace: float, step: float) -> tuple[Term, ...]:
     """All terms that a rig has.
 
     Args:
         levels: of a signal by its name, the sizes at which laws of one scale are tried, in its unit.
         at: where there may be terms, and the signals that there are.
+        pace: how many times as quick as the published rig it is, see `beamdesign.plant.assembly.pace`: so many times
+            as high are the frequencies that are tried, and so many times as short the times.
+        step: sampling interval of the signals, s.
     """
     known = {*at.signals, "pressure_rate_Pa_per_s", "stroke_m"}
     if "load_pressure_Pa" not in at.signals:
         known -= {"pressure_rate_Pa_per_s"}
-    return tuple(one for one in _terms(levels) if one.entry in at.entries and known.issuperset(one.signals))
+    return tuple(one for one in _terms(levels, pace, step) if one.entry in at.entries and known.issuperset(one.signals))
 
 
-def _terms(levels: Levels) -> tuple[Term, ...]:
+def _terms(levels: Levels, pace: float, step: float) -> tuple[Term, ...]:
+    def hertz(*published: float) -> list[float]:
+        return [pace * frequency for frequency in published]
+
+    def times(*published: float) -> list[float]:
+        return [time / pace for time in published]
+
     sensor, late, amplifier = ("sensor", "sensor"), ("controller", "sensor"), ("amplifier", "amplifier")
     volts, asked = ("sensor_V",), ("demanded_A",)
     spool, valve = ("servovalve", "spool"), ("servovalve", "oil continuity")
@@ -73,22 +84,22 @@ def _terms(levels: Levels) -> tuple[Term, ...]:
     mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("actuator_force_N",)
     middle = levels("stroke_m_per_s")[2]
     return (
-        *_each("sensor lags, {:.0f} Hz", sensor, volts, (30, 60, 120, 250, 500, 1000), _low_pass, "linear"),
+        *_each("sensor lags, {:.0f} Hz", sensor, volts, hertz(30, 60, 120, 250, 500, 1000), _low_pass, "linear"),
         Term("sensor bends, V|V|", *sensor, volts, lambda v: v * np.abs(v)),
         Term("sensor bends, V^3", *sensor, volts, lambda v: v**3),
         Term("sensor bends one way, V^2", *sensor, volts, lambda v: v**2),
         Term("sensor differs by sign, |V|", *sensor, volts, np.abs),
         *_loops("sensor", sensor, volts, levels),
-        *_each("signal comes {:g} ms late", late, volts, (0.3, 0.6, 1.2, 2.4, 4.8), _late, "linear"),
+        *_each("signal comes {:g} ms late", late, volts, times(0.3, 0.6, 1.2, 2.4, 4.8), _late, "linear"),
         *_each("current cut at {:.2g}", amplifier, asked, levels("demanded_A"), _cut),
-        *_each("amplifier lags, {:.0f} Hz", amplifier, asked, (50, 100, 200, 400, 800), _low_pass, "linear"),
+        *_each("amplifier lags, {:.0f} Hz", amplifier, asked, hertz(50, 100, 200, 400, 800), _low_pass, "linear"),
         Term("gain of the amplifier", *amplifier, asked, np.ones_like, "linear"),
         Term("amplifier bends, i^3", *amplifier, asked, lambda i: i**3),
         Term("amplifier differs by sign", *amplifier, asked, np.abs),
-        *_each("spool lags, {:.0f} Hz", spool, current, (50, 100, 200, 400, 800), _low_pass, "linear"),
+        *_each("spool lags, {:.0f} Hz", spool, current, hertz(50, 100, 200, 400, 800), _low_pass, "linear"),
         *_loops("spool", spool, current, levels),
         *_each("motor's current cut at {:.2g}", drive, turned, levels("motor_demand_A"), _cut),
-        *_each("drive lags, {:.0f} Hz", drive, turned, (50, 100, 200, 400, 800), _low_pass, "linear"),
+        *_each("drive lags, {:.0f} Hz", drive, turned, hertz(50, 100, 200, 400, 800), _low_pass, "linear"),
         *_each("flow cut at {:.2g}", valve, flow, levels("metered_m3_per_s"), _cut),
         Term("flow bends, Q|Q|", *valve, flow, lambda q: q * np.abs(q)),
         Term("flow bends, Q^3", *valve, flow, lambda q: q**3),
@@ -97,7 +108,7 @@ def _terms(levels: Levels) -> tuple[Term, ...]:
         Term("flow goes with pressure, Q p", *valve, flow + pressure, lambda q, p: q * p),
         Term("leakage bends, p|p|", *valve, pressure, lambda p: p * np.abs(p)),
         Term("leakage bends, p^2", *valve, pressure, lambda p: p**2),
-        *_each("supply droops over {:g} s", valve, flow, (0.02, 0.1, 0.5), _droop),
+        *_each("supply droops over {:g} s", valve, flow, times(0.02, 0.1, 0.5), partial(_droop, step)),
         *_loops("seal", seal, ("stroke_m",), levels),
         *_each("friction turns over within {:.2g} m/s", seal, speed, levels("stroke_m_per_s"), _slide),
         Term("friction goes with pressure", *seal, speed + pressure, lambda v, p: _slide(middle, v) * np.abs(p)),
@@ -107,21 +118,21 @@ def _terms(levels: Levels) -> tuple[Term, ...]:
         Term("sides differ, |flow|", *sides, flow, np.abs),
         Term("force differs by sign, |p|", *seal, pressure, np.abs),
         Term("oil gives way", *oil, rate, np.ones_like, "linear"),
-        *_each("oil lags, {:.0f} Hz", oil, rate, (20, 60, 200), _low_pass, "linear"),
+        *_each("oil lags, {:.0f} Hz", oil, rate, hertz(20, 60, 200), _low_pass, "linear"),
         Term("oil gives way with pressure, p' p", *oil, pressure + rate, lambda p, r: p * r),
         Term("oil gives way with pressure, p' |p|", *oil, pressure + rate, lambda p, r: np.abs(p) * r),
         Term("oil gives way with pressure, p' p^2", *oil, pressure + rate, lambda p, r: p**2 * r),
-        *_beam("outer", levels),
-        *_beam("inner", levels),
-        *_resonances("mount", mount, ("mount_force_N",), 0),
+        *_beam("outer", levels, pace),
+        *_beam("inner", levels, pace),
+        *_resonances("mount", mount, ("mount_force_N",), 0, pace),
         *_each("force in the joint cut at {:.2g}", joint, force, levels("actuator_force_N"), _cut),
         Term("joint gives way", *joint, force, np.ones_like, "linear"),
     )
 
 
-def _beam(name: str, levels: Levels) -> Iterable[Term]:
+def _beam(name: str, levels: Levels, pace: float) -> Iterable[Term]:
     of, tip, beam = ("structure", f"{name} beam"), (f"{name}_m",), f"{name} beam"
-    yield from _resonances(beam, of, tip, 2)
+    yield from _resonances(beam, of, tip, 2, pace)
     yield Term(f"{beam} bends, x^3", *of, tip, lambda x: x**3)
     yield Term(f"{beam} bends, x|x|", *of, tip, lambda x: x * np.abs(x))
     yield Term(f"{beam} differs by sign, |x|", *of, tip, np.abs)
@@ -139,9 +150,9 @@ def _loops(words: str, of: tuple[str, str], signals: tuple[str], levels: Levels)
     return _each(f"loop in {words} of half width {{:.2g}}", of, signals, levels(signals[0]), stop, "hysteretic")
 
 
-def _resonances(words: str, of: tuple[str, str], signals: tuple[str], order: int) -> list[Term]:
+def _resonances(words: str, of: tuple[str, str], signals: tuple[str], order: int, pace: float) -> list[Term]:
     law = partial(_resonance, order)
-    return _each(f"{words} resonates at {{:.0f}} Hz", of, signals, np.geomspace(25, 600, 14), law, "linear")
+    return _each(f"{words} resonates at {{:.0f}} Hz", of, signals, pace * np.geomspace(25, 600, 14), law, "linear")
 
 
 def _low_pass(hz: float, s: np.ndarray) -> np.ndarray:
@@ -165,11 +176,11 @@ def _slide(level: float, speed: np.ndarray) -> np.ndarray:
     return np.asarray(np.tanh(speed / level))
 
 
-def _droop(tau: float, flow: np.ndarray) -> np.ndarray:
-    """Flow times its smoothed size, over samples of half a millisecond or whatever; regression finds the scale."""
+def _droop(step: float, tau: float, flow: np.ndarray) -> np.ndarray:
+    """Flow times its size as smoothed over `tau`; regression finds the scale."""
     from scipy.signal import lfilter
 
-    keep = np.exp(-5e-4 / tau)
+    keep = np.exp(-step / tau)
     return np.asarray(flow * lfilter([1 - keep], [1, -keep], np.abs(flow)))
 
 
@@ -292,11 +303,13 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
         null: that fit.
         corrected: whether local variables are smoothed by the record, or those of the nominal model.
     """
-    dictionary = sorted(terms(partial(levels, found), found[0].probe.at), key=lambda term: term.entry)
-    used = sorted({term.entry for term in dictionary})
+    quick = pace(figures(found[0].evidence.job.prototype))
     grams, rights, lefts, expected = [], [], [], 0.0
     for item in found:
         heed()
+        given = partial(levels, found), item.probe.at, quick, item.evidence.record.step
+        dictionary = sorted(terms(*given), key=lambda term: term.entry)
+        used = sorted({term.entry for term in dictionary})
         parts = [-item.evidence.weight(-item.slopes)]
         signals = item.smoothed() if corrected else item.nominal
         parts += [_columns(item, entry, [t for t in dictionary if t.entry == entry], signals) for entry in used]
@@ -310,8 +323,8 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     scale = np.sqrt(np.einsum("rpp->p", gram)) + 1e-300
     scale[:tolerated] = 1.0
     # A figure of the rig that is wrong by more than its tolerance is the same column without its prior.
-    figures = [WRONG + RIG_TOLERANCES[u.name] for u in null.unknowns]
-    wrong = [(name, subsystem(name), "linear") for name in figures]
+    names = [WRONG + RIG_TOLERANCES[u.name] for u in null.unknowns]
+    wrong = [(name, subsystem(name), "linear") for name in names]
     own = [(t.words, t.subsystem, t.kind) for t in dictionary]
     again = np.concatenate([np.arange(gram.shape[1]), np.arange(tolerated)])
     gram = (gram / scale / scale[:, None])[:, again][:, :, again]
