@@ -310,7 +310,7 @@ def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: fl
         if not why_no_box(stages[0].prototype):
             stable = _least(stands, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
-            stable = None if 1.1 * stable >= breaks[1] else _as_told(1.1 * stable)
+            stable = None if 1.1 * stable >= breaks[1] else _of_four_digits(1.1 * stable)
         # never slower than it is stable from on: below that, what one break keeps a faster one may lose
         performs = _least(lambda f: _kept(reaches(f), nominal), (stable or breaks[0], breaks[1]))
         reached = None if performs is None else reaches(performs)
@@ -380,7 +380,7 @@ def _least(holds: Callable[[float], bool], breaks_Hz: tuple[float, float]) -> fl
     if not holds(high):
         return None
     while high > 1.5 * low:  # first in large steps down
-        step = _as_told(max(high / 4, low))
+        step = _of_four_digits(max(high / 4, low))
         if holds(step):
             high = step
             if high == low:
@@ -389,10 +389,10 @@ def _least(holds: Callable[[float], bool], breaks_Hz: tuple[float, float]) -> fl
             low = step
             break
     for _ in range(_HALVINGS):
-        middle = _as_told(sqrt(low * high))
+        middle = _of_four_digits(sqrt(low * high))
         low, high = (low, middle) if holds(middle) else (middle, high)
     return high
 
 
-def _as_told(frequency_Hz: float) -> float:
+def _of_four_digits(frequency_Hz: float) -> float:
     return float(f"{frequency_Hz:.4g}")

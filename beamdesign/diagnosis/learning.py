@@ -105,8 +105,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     others = (f for f in found if f is not weighed.best and all(f is not old for old in same))
     fits = (*before.fits, *others, *again, best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
-    told = Judgement(listed | share, unknown, best)
-    return Look(scaled, everything, told, (far,) * explains, refitted=(null, without)).after(look)
+    judgement = Judgement(listed | share, unknown, best)
+    return Look(scaled, everything, judgement, (far,) * explains, refitted=(null, without)).after(look)
 
 
 def _drifts(hypothesis: Hypothesis) -> bool:

@@ -106,7 +106,7 @@ class ControllerFit:
 
     Attributes:
         residual: of the equation as stated.
-        noise: of current and sensors together, white as it was recorded, see `heard_noise`.
+        noise: of current and sensors together, white as it was recorded, see `noise_through_law`.
         doubt: what may be left of noise alone, whose power is known no better than the median of as many exponential
             numbers as it has lines tells their mean.
         gain: current over what the controller would give, best in the mean square; 1 where all is well.
@@ -177,7 +177,7 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
     return np.asarray(asked + columns[:, :-1] @ shares[:-1])
 
 
-def heard_noise(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray:
+def noise_through_law(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray:
     """(F,) power per sample, A^2, from 0 to the frequency of Nyquist, of what a law makes of white noise that it hears.
 
     A law that resonates, as an observer may, makes of white noise what is anything but white.
@@ -198,14 +198,15 @@ def heard_noise(record: TimeRecord, controller: Controller, sensor_gain: float) 
     return power
 
 
-def mismatch(measured: np.ndarray, predicted: np.ndarray, heard: np.ndarray | None = None) -> tuple[float, float]:
+def mismatch(measured: np.ndarray, predicted: np.ndarray, through_law: np.ndarray | None = None) -> tuple[float, float]:
     """Rms of what differs over the rms of what was measured: without its noise, and that noise.
 
     Args:
         measured: (N,).
         predicted: (N,).
-        heard: (F,) see `heard_noise`; what it has beyond its top is noise as well, as far as it is there, and as the
-            top shows that it is not in both: a controller obeys the noise that it has heard itself. White if None.
+        through_law: (F,) see `noise_through_law`; what it has beyond its top is noise as well, as far as it is there,
+            and as the top shows that it is not in both: a controller obeys the noise that it has heard itself. White
+            if None.
     """
     rms, count = float(np.std(measured)), len(measured)
     if rms == 0:
@@ -214,9 +215,9 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray, heard: np.ndarray | No
     power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2 / count
     top = round(TOP * len(power))
     noise = white(power[top:])
-    if heard is not None:
+    if through_law is not None:
         lines = np.arange(len(power))
-        shaped = np.interp(lines / len(power), np.arange(len(heard)) / len(heard), heard)
+        shaped = np.interp(lines / len(power), np.arange(len(through_law)) / len(through_law), through_law)
         level = float(shaped[top:].mean())
         beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
         noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
@@ -234,15 +235,15 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
     if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
         return None
     current = asked + record.counted * (record.measured["current_A"] - asked)  # what does not count is as it should be
-    heard = heard_noise(record, record.controller, sensor_gain)
-    residual, noise = mismatch(current, asked, heard)
+    through_law = noise_through_law(record, record.controller, sensor_gain)
+    residual, noise = mismatch(current, asked, through_law)
     gain = _gain(current, asked)
-    delay = _shifted(current, asked, heard, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
-    lag = _shifted(current, asked, heard, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
-    limit, with_limit, left = _saturated(current, asked, heard) if residual >= _SEEN else (None, residual, noise)
+    delay = _shifted(current, asked, through_law, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
+    lag = _shifted(current, asked, through_law, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
+    limit, with_limit, left = _saturated(current, asked, through_law) if residual >= _SEEN else (None, residual, noise)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
-    with_gain, offset = mismatch(current, gain * asked, heard)[0], float(np.mean(current - asked))
+    with_gain, offset = mismatch(current, gain * asked, through_law)[0], float(np.mean(current - asked))
     doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
     return ControllerFit(residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 
@@ -255,7 +256,7 @@ def _gain(current: np.ndarray, asked: np.ndarray) -> float:
 def _shifted(
     current: np.ndarray,
     asked: np.ndarray,
-    heard: np.ndarray,
+    through_law: np.ndarray,
     step: float,
     law: Callable[[np.ndarray, float], np.ndarray],
     both_ways: bool,
@@ -286,7 +287,7 @@ def _shifted(
     # What passes the end of the record has nowhere to go.
     inside = slice(0, count - max(2, round(0.02 * count)))
     found = np.fft.irfft(spectrum * law(rates, best), 2 * count)[inside]
-    return best, mismatch(current[inside], _gain(current[inside], found) * found, heard)[0]
+    return best, mismatch(current[inside], _gain(current[inside], found) * found, through_law)[0]
 
 
 def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
@@ -296,7 +297,7 @@ def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
     return np.asarray(np.copysign(limit * np.minimum(ratio, 1), asked) / (1 + small**sharpness) ** (1 / sharpness))
 
 
-def _saturated(current: np.ndarray, asked: np.ndarray, heard: np.ndarray) -> tuple[float | None, float, float]:
+def _saturated(current: np.ndarray, asked: np.ndarray, through_law: np.ndarray) -> tuple[float | None, float, float]:
     """Level of a symmetric limit, sharp or rounded; the residual with it, and the noise taken out of that."""
     largest = float(np.abs(asked).max())
     if largest == 0:
@@ -314,7 +315,7 @@ def _saturated(current: np.ndarray, asked: np.ndarray, heard: np.ndarray) -> tup
 
     bounds = (level / 1.05, level * 1.05)
     best = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-4 * level}).x)
-    return best, *mismatch(current, _knee(asked, best, sharpness), heard)
+    return best, *mismatch(current, _knee(asked, best, sharpness), through_law)
 
 
 def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) -> float:
@@ -328,7 +329,7 @@ def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) ->
     asked = commanded_current(record, controller, sensor_gain)
     if asked is None:
         return inf
-    return mismatch(record.measured["current_A"], asked, heard_noise(record, controller, sensor_gain))[0]
+    return mismatch(record.measured["current_A"], asked, noise_through_law(record, controller, sensor_gain))[0]
 
 
 def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
