@@ -246,3 +246,18 @@ def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folde
         np.savetxt(text, table, fmt=formats, delimiter=",", header=",".join(columns), comments="")
         write_whole(path, text.getvalue())
     return paths
+
+
+_UNRECORDED = {"current_A": "; if it was not recorded, state current_recorded = false of the record"}
+
+
+def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
+    """Refuse a file without a column it needs; one of the same quantity in another unit is pointed at."""
+    problems = []
+    for name in (name for name in needed if name not in columns):
+        stem, _, unit = name.partition("_")
+        alike = [other for other in columns if other.partition("_")[0].lower() == stem and other not in needed]
+        there = f"{alike[0]}: give it in {unit}, as {name}" if alike else ", ".join(columns)
+        problems.append(Problem(name, f"column missing; the file has {there}{_UNRECORDED.get(name, '')}"))
+    if problems:
+        raise InputError(path, problems)

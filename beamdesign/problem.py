@@ -10,7 +10,7 @@ from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.arguments import takes
+from beamdesign.arguments import checked_range_kg, takes
 from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
@@ -192,10 +192,14 @@ class DesignProblem(WithMaterials, WithActuator):
         denser = self.outer_beam.material.density_kg_per_m3 / _PUBLISHED_KG_PER_M3
         return float(2.0 ** round(log2(denser * (self.outer_beam.free_length_m / _PUBLISHED_M) ** 3)))
 
-    def asked_kg(self) -> tuple[float, float]:
-        """Its payloads (least, most)."""
-        assert self.payload.outer_end_mass_kg is not None  # without them it is no problem
-        return self.payload.outer_end_mass_kg
+    def asked_kg(self, given: object = None) -> tuple[float, float]:
+        """The payloads (least, most) given, or else its own.
+
+        Raises:
+            InputError: for what is no pair of plausible masses.
+            ValueError: for an empty range.
+        """
+        return checked_range_kg(self.name, self.payload.outer_end_mass_kg if given is None else given)
 
     def prototype(self, outer: Tube, inner: Tube) -> Prototype:
         """The prototype with the given sections and no controller yet.

@@ -118,7 +118,7 @@ def test_every_command_has_a_function_with_the_same_conventions(name):
     assert next(iter(parameters), FIRST[0]) in FIRST
 
 
-def test_a_range_is_a_pair_or_what_the_prototype_states(paper: Prototype):
+def test_a_range_is_a_pair_or_what_the_prototype_states(monkeypatch: pytest.MonkeyPatch):
     firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
     pair, ends = beamdesign.certify(firm, (2.0, 6.8)), beamdesign.certify(firm, 2.0, 6.8)
     assert pair.text == ends.text
@@ -127,6 +127,14 @@ def test_a_range_is_a_pair_or_what_the_prototype_states(paper: Prototype):
     assert repr(pair).startswith("<Certificate: yes;")
     with pytest.raises(InputError, match="expected a pair of masses"):
         beamdesign.certify(firm, 2.0)
+    with pytest.raises(InputError, match=r"payload\.outer_end_mass_kg: missing; give it there or as an argument"):
+        beamdesign.tune(firm.but(payload={}))
+    assert beamdesign.remedies(STUDY, None, 4.5, numbers=()) == ()
+    with pytest.raises(InputError, match="bandwidth_Hz: is nan"):  # and not that a range is missing
+        beamdesign.codesign(STUDY, None, math.nan)
+    monkeypatch.setattr("beamdesign.synthesis.design_run.run_design", lambda problem, *_: problem)
+    assert beamdesign.run(STUDY, outer_end_mass_kg=(1.0, 2.0)).asked_kg() == (1.0, 2.0)
+    assert beamdesign.run(STUDY).asked_kg() == STUDY.payload.outer_end_mass_kg
 
 
 def bearing(rig: Prototype) -> Limits:
@@ -211,6 +219,7 @@ OF_PAYLOADS = (
     lambda _, outer_end_mass_kg: beamdesign.codesign(STUDY, outer_end_mass_kg, 3.0),
     lambda _, outer_end_mass_kg: beamdesign.front(STUDY, [3.0], [outer_end_mass_kg]),
     lambda _, outer_end_mass_kg: beamdesign.remedies(STUDY, outer_end_mass_kg, 4.5),
+    lambda _, outer_end_mass_kg: beamdesign.run(STUDY, outer_end_mass_kg=outer_end_mass_kg),
 )  # fmt: skip
 """Functions of a range of payloads, of which each would decide something else for what is no range."""
 

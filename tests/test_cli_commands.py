@@ -53,7 +53,8 @@ def test_run_carries_the_template_of_a_study_to_a_certified_prototype(tmp_path: 
 def test_run_that_finds_no_design_says_why_and_leaves_no_folder(tmp_path: Path) -> None:
     (study,) = start("study", tmp_path / "link.toml")
     study.write_text(study.read_text().replace("tip_force_N = 2000.0", "tip_force_N = 2e6"))
-    fields, said = call(tmp_path, "run", str(study), "--nominal", "--out", str(tmp_path / "out"), status=1)
+    asked = "--nominal", "--outer-end-mass", "0:400"  # which counts in place of the study's own
+    fields, said = call(tmp_path, "run", str(study), *asked, "--out", str(tmp_path / "out"), status=1)
     assert fields["prototype"] is None
     assert "\nno design: " in said
     assert fields["reason"] in said

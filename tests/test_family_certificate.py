@@ -354,3 +354,17 @@ def test_certify_writes_what_holds_between_beside(tame: Prototype, tmp_path: Pat
     assert json.loads((tmp_path / "c.json").read_text())["stable_between"] is True
     for name in ("c.toml", "c.between.toml"):
         assert runner.invoke(app, ["certify", "--replay", str(tmp_path / name)]).exit_code == 0
+
+
+def test_certify_says_no_where_what_lies_between_is_undecided(
+    tame: Prototype, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """As `certify-box` does: status 0 says that all of it is proved."""
+    monkeypatch.setattr("beamdesign.proofs.tolerance_box.BUDGET", 1)
+    write_prototype(with_effects(tame, "entrained_air"), tmp_path / "p.toml")
+    told = ["certify", str(tmp_path / "p.toml"), "--out", str(tmp_path / "c.toml"), "--json", str(tmp_path / "c.json")]
+    assert CliRunner().invoke(app, told).exit_code == 1
+    fields = json.loads((tmp_path / "c.json").read_text())
+    assert (fields["stable"], fields["stable_between"]) == (True, None)
+    assert "undecided" in fields["reason"]
+    assert CliRunner().invoke(app, [*told, "--linear"]).exit_code == 0

@@ -51,6 +51,12 @@ def test_everything_written_comes_back(sound: Recorded, tmp_path: Path):
     assert data.warnings == ()
     assert kind_of(tmp_path) == "twin_beam"
     assert read_dataset(tmp_path / "dataset.toml").name == data.name
+    counts = f"{len(sound.columns)} time records, 1 frequency response, 1 critical gain"
+    assert repr(data) == f"<Dataset: {counts}>"
+    assert data._repr_html_().count("<tr>") == len(data.rows()) == len(sound.columns) + 2
+    rows = dict(row[:2] for row in data.rows())
+    assert (rows["r"], rows["critical gain"]) == ("2 frequencies, magnitude_m_per_N", "21 mA/V")
+    assert data == read_dataset(tmp_path)
 
 
 def force_text(sound: Recorded) -> str:

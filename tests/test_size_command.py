@@ -1,12 +1,14 @@
 """`beamdesign size` as a user runs it: fields, exit statuses, and what is said on bad input."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+import beamdesign
 from beamdesign import InputError, read_problem, write_prototype
 from beamdesign.cli.design import size
 from beamdesign.prototype import Beam
@@ -14,6 +16,7 @@ from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import check_sections
 
 STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
+DATA = Path(beamdesign.__file__).parent / "structure"
 PUBLISHED = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
 
 
@@ -85,6 +88,17 @@ def test_study_gives_the_fields_of_the_contract(run):
     assert fields["price_of_rounding_kg"] == pytest.approx(fields["beam_mass_kg"] - fields["free"]["beam_mass_kg"])
     assert fields["kkt_residual"] < 1e-8
     assert fields["shadow_prices"]["clearance_under_load_kg_per_mm"] > 0
+    stock = tomllib.loads((DATA / "stock_sizes.toml").read_text(encoding="utf-8"))["square_tube"]
+    ends = [1e3 * row["width_m"] for row in stock]
+    assert f"outer tubes of {min(ends):g} x 2 to {max(ends):g} x 10 mm" in output
+    assert "says nothing" not in output
+
+
+def test_limits_that_a_study_does_not_state_are_told(run, edited):
+    _, output, _ = run(edited("least_wall_m = 0.002\nlargest_width_m = 0.2\n", ""))
+    assert "says nothing: sections.least_wall_m = 0.002, sections.largest_width_m = 0.2\n" in output
+    _, output, _ = run(edited("[clearance]\nassembly_m = 0.005\nunder_load_m = 0.003\n", ""))
+    assert "says nothing: clearance.assembly_m = 0.005, clearance.under_load_m = 0.003\n" in output
 
 
 def test_where_nothing_fits_the_answer_is_no_and_says_what_to_relax(run, edited):
@@ -129,7 +143,7 @@ def test_prototype_is_checked_for_what_its_study_asked_for(run, tmp_path):
     own = study.but(**asked | {"sections": study.sections.but(**asked["sections"])})
     write_prototype(own.prototype(*PUBLISHED), tmp_path / "prototype.toml")
     _, output, fields = run(tmp_path / "prototype.toml")
-    assert "that are those of its study" in output
+    assert "walls of 1 mm or more, at most 150 mm wide) that are those of its study" in output
     assert {name: fields["assumed"][name] for name in asked} == asked
     write_prototype(own.prototype(*PUBLISHED).but(sized_for=None), tmp_path / "prototype.toml")
     _, output, fields = run(tmp_path / "prototype.toml")

@@ -55,9 +55,9 @@ def certify(
     over its own payloads. All of it holds for exactly the
     figures of the prototype.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise; 1 also
-    where the loop is refuted at a value between the ends of what members freeze, and where an effect lets small motion
-    follow none of them: within the play of a joint nothing is proved, and within a dead band, friction or hysteresis no
-    compliance. --linear asks of the members alone.
+    where it is refuted or undecided at a value between the ends of what members freeze, and where an effect lets small
+    motion follow none of them: within the play of a joint nothing is proved, and within a dead band, friction or
+    hysteresis no compliance. --linear asks of the members alone.
 
     Args:
         prototype: the prototype.toml to certify.
@@ -110,12 +110,12 @@ def certify(
             certificate = replace(certificate, small_motion="")
         _echo(rig, certificate)
         write_certificate(path, certificate.text)
-        between = _between(rig, certificate, path) if rig.effects else {}
+        between, not_proved = _between(rig, certificate, path) if rig.effects else ({}, "")
         fields = certificate.to_dict() | between
         fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear), "certificate": path}
         holds, reason = certificate.yes, certificate.small_motion
-        if between.get("stable_between") is False and not linear:
-            holds, reason = False, reason or "not stable at every value between the ends of the frozen figures"
+        if not_proved and not linear:
+            holds, reason = False, reason or not_proved
         if certificate.holds and not holds:
             echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
             fields |= {"reason": reason}
@@ -124,18 +124,21 @@ def certify(
     return by_stage(record, masses, proved)
 
 
-def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:
-    """What is known between the members of a prototype with effects; its certificate goes beside the other."""
+def _between(record: "Prototype", certificate: "Certificate", path: Path) -> tuple[dict[str, Any], str]:
+    """What is known between the members of a prototype with effects, and that it is not proved stable, in words.
+
+    Its certificate goes beside the other.
+    """
     from beamdesign.proofs.tolerance_box import between, in_words
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
     if words := in_words(verdict):
         echo(f"  {words}")
-    if verdict is None or not verdict.certificate:
-        return {"stable_between": verdict and verdict.stable}
-    beside = path.with_suffix(".between.toml")
-    write_certificate(beside, verdict.certificate)
-    return {"stable_between": verdict.stable, "certificate_between": beside}
+    fields: dict[str, Any] = {"stable_between": verdict and verdict.stable}
+    if verdict is not None and verdict.certificate:
+        fields["certificate_between"] = path.with_suffix(".between.toml")
+        write_certificate(fields["certificate_between"], verdict.certificate)
+    return fields, "" if verdict is None or verdict.stable else words
 
 
 def _echo(record: "Prototype", certificate: "Certificate") -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 def run(
     study: Path,
     out: Path,
+    outer_end_mass: str | None = None,
     sigmas: float = SIGMAS,
     nominal: bool = False,
     minutes: float | None = None,
@@ -49,16 +50,18 @@ def run(
     Args:
         study: the study file, such as studies/prototype.toml.
         out: folder for the results; made if need be.
+        outer_end_mass: range of mass on the outer tip, kg; else the study's.
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
-    from beamdesign.synthesis.design_run import run_design
+    from beamdesign.synthesis.design_run import run as design
 
     problem, within = _read(study, sigmas, nominal)
+    masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     spare([study], out, ["prototype.toml"])
     with in_time(minutes, "10 to 60 s for a lag, minutes for other kinds") as limit, progress("designing") as update:
         with share(_DESIGNING):
-            result = run_design(problem, update, within)
+            result = design(problem, update, within, outer_end_mass_kg=masses)
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
@@ -161,6 +164,10 @@ def size(
     with progress("sizing") as update:
         found = find_sections(problem, update)
     echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
+    tables = {name: getattr(problem, name) for name in ("sections", "clearance", "safety")}
+    assumed = {f"{name}.{key}": v for name, of in tables.items() for key, v in of if key not in of.model_fields_set}
+    if usual := [f"{key} = {value!r}" for key, value in assumed.items() if value is not None]:
+        echo(f"taken where the study says nothing: {', '.join(usual)}")
     echo_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
     if found.price_of_rounding_kg is not None:
         echo(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
@@ -198,12 +205,13 @@ def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
         force, said = (stated, "payload.largest_force_N") if stated else (DEFAULT_TIP_FORCE_N, "default")
     pair = check_prototype(prototype, force, str(path))
     asked = problem_of(prototype, force, str(path))
-    whose = "those of its study" if prototype.sized_for else "the usual ones, as it states none"
+    whose = "those of its study" if prototype.sized_for else "the usual ones, as it states none under [sized_for]"
     echo(
         f"{prototype.name}: sections checked for a tip force of {force:g} N ({said}), with safety factors "
         f"({asked.safety.strength:g} strength, {asked.safety.local_buckling:g} local buckling) and gaps "
         f"({1e3 * asked.clearance.assembly_m:g} mm at assembly, {1e3 * asked.clearance.under_load_m:g} mm under load) "
-        f"that are {whose}"
+        f"and sizes (walls of {1e3 * asked.sections.least_wall_m:g} mm or more, at most "
+        f"{1e3 * asked.sections.largest_width_m:g} mm wide) that are {whose}"
     )
     echo_checks("checks", map(check_fields, pair.checks))
     echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")

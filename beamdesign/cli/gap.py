@@ -133,7 +133,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
     """The answer for people."""
     from beamdesign.report.gap_tables import figure_name
 
-    echo(f"{found.name}: {found.verdict.replace('_', ' ')}")
+    echo(f"{found.name}: {found.verdict.replace('_', ' ')}{' so far' * bool(found.left_out)}")
     echo(found.sentences)
     echo(*found.warnings, before="warning: ")
     echo("")

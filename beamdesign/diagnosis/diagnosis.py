@@ -222,7 +222,8 @@ class Diagnosis(Generic[Rig], Result):
 
     Attributes:
         name: of the data set.
-        verdict: `no_gap`, `effect`, `ambiguous` (several causes explain it alike) or `unknown` (none does).
+        verdict: `no_gap`, `effect`, `ambiguous` (several causes explain it alike) or `unknown` (none does, or
+            tolerances do as far as doubtful data or too short a time tell).
         sentences: the verdict for people.
         causes: best first.
         chosen: names held responsible, the dominant one first.

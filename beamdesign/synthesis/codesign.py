@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.arguments import checked, checked_range_kg, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.assembly import most_inside_kg
@@ -141,7 +141,7 @@ def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Prove
 @takes("DesignProblem")
 def codesign(
     problem: DesignProblem,
-    outer_end_mass_kg: tuple[float, float],
+    outer_end_mass_kg: tuple[float, float] | None,
     bandwidth_Hz: float,
     near: Sequence[CodesignPoint] = (),
     progress: Progress | None = None,
@@ -152,7 +152,7 @@ def codesign(
 
     Args:
         problem: load, lengths, materials, hydraulics and limits; its sections are free.
-        outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
+        outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed; None: the problem's.
         bandwidth_Hz: needed; |x / F_d| stays at or below the goal up to there.
         near: solved neighbouring problems to start from as well (for one controller kind).
         progress: told the share done and what is being done.
@@ -164,7 +164,7 @@ def codesign(
             plausible.
         ValueError: for an empty range.
     """
-    outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
+    masses_kg = problem.asked_kg(outer_end_mass_kg)
     checked(problem.name, "bandwidth_Hz", Bandwidth, bandwidth_Hz)
     checked(problem.name, "sigmas", Sigmas, sigmas)
     kind, report = problem.controller.kind, progress or silent
@@ -174,7 +174,7 @@ def codesign(
     with within(minutes) as limit:
         report(0.0, "lightest sections")
         begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
-        tasks = [sized_search(problem, one, outer_end_mass_kg, sigmas) for one in begun if one.possible]
+        tasks = [sized_search(problem, one, masses_kg, sigmas) for one in begun if one.possible]
         nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
         forms = [form_for(form_of(kind), task.members[0].rig.figures) for task in tasks[:1]]
         starts = [Design(form, point.proved.variables) for form in forms for point in near] or [
@@ -183,18 +183,18 @@ def codesign(
         found = search(tasks[0], starts, report=report) if tasks else Found(None, (), 0, nothing)
         more = "; no time was left for more" * over()
     attempts = tuple(
-        one.reason if one.proved is None else _point(problem, outer_end_mass_kg, one.proved).moving_mass_kg
+        one.reason if one.proved is None else _point(problem, masses_kg, one.proved).moving_mass_kg
         for one in found.tried
     )
     if found.proved is None:
-        low, high = outer_end_mass_kg
+        low, high = masses_kg
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
             "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
         )
-        return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason + more, left_out=tuple(limit.left_out))
-    point = _point(problem, outer_end_mass_kg, found.proved)
-    held = working(problem, point.prototype, outer_end_mass_kg, point.proved.bandwidth_Hz)
-    answer = bandwidth_Hz, outer_end_mass_kg, None if held.reason else point, attempts, held.reason
+        return Codesign(bandwidth_Hz, masses_kg, None, attempts, reason + more, left_out=tuple(limit.left_out))
+    point = _point(problem, masses_kg, found.proved)
+    held = working(problem, point.prototype, masses_kg, point.proved.bandwidth_Hz)
+    answer = bandwidth_Hz, masses_kg, None if held.reason else point, attempts, held.reason
     return Codesign(*answer, holding=held, left_out=tuple(limit.left_out))
 
 
@@ -323,7 +323,7 @@ def front(
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
-    asked = [checked_range_kg(problem.name, one) for one in ranges_kg] or [problem.asked_kg()]
+    asked = [problem.asked_kg(one) for one in ranges_kg] or [problem.asked_kg()]
     ranges = list(dict.fromkeys(asked))
     total = len(ranges) * len(bandwidths)
     with within(minutes) as limit:

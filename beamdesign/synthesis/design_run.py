@@ -132,10 +132,20 @@ def run_design(
 
 @takes("DesignProblem")
 def run(
-    problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
+    problem: DesignProblem,
+    progress: Progress | None = None,
+    sigmas: float = SIGMAS,
+    minutes: float | None = None,
+    outer_end_mass_kg: tuple[float, float] | None = None,
 ) -> DesignRun:
-    """The same by the name of the command; arguments as of `run_design`."""
-    return run_design(problem, progress, sigmas, minutes)
+    """The same by the name of the command, for payloads (least, most) or else the problem's; else as of `run_design`.
+
+    Raises:
+        InputError: for what is no pair of plausible masses.
+        ValueError: for an empty range.
+    """
+    payload = problem.payload.but(outer_end_mass_kg=problem.asked_kg(outer_end_mass_kg))
+    return run_design(problem.but(payload=payload), progress, sigmas, minutes)
 
 
 _QUICK = ("lag", "proportional")

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.arguments import checked, checked_range_kg, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
@@ -195,7 +195,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], whole: Re
 @takes("DesignProblem")
 def remedies(
     problem: DesignProblem,
-    outer_end_mass_kg: tuple[float, float],
+    outer_end_mass_kg: tuple[float, float] | None,
     added_mass_kg: float,
     progress: Progress | None = None,
     sigmas: float = SIGMAS,
@@ -208,7 +208,7 @@ def remedies(
 
     Args:
         problem: its given sections, limits and hydraulics.
-        outer_end_mass_kg: range of the payload.
+        outer_end_mass_kg: range of the payload; None: the problem's.
         added_mass_kg: most moving mass that a remedy may add.
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
@@ -218,13 +218,13 @@ def remedies(
         InputError: for figures that are not plausible, and beams whose sections are not given.
         ValueError: for an empty range.
     """
-    outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
+    masses_kg = problem.asked_kg(outer_end_mass_kg)
     checked(problem.name, "added_mass_kg", MassOrNone, added_mass_kg)
     checked(problem.name, "sigmas", Sigmas, sigmas)
     if missing := [name for name in BEAMS if getattr(problem, name).width_m is None]:
         reason = "the remedies start from given sections: width_m and wall_m are needed"
         raise InputError(problem.name, [(name, reason) for name in missing])
-    report, asked = progress or silent, (problem, outer_end_mass_kg, added_mass_kg, sigmas)
+    report, asked = progress or silent, (problem, masses_kg, added_mass_kg, sigmas)
     every = (*FREEDOMS, SCHEDULED)
     chosen = every if numbers is None else [every[number] for number in numbers]
     found: list[Remedy] = []
@@ -233,7 +233,7 @@ def remedies(
         with share(1 / (len(chosen) - k)):
             if freedom is SCHEDULED:
                 begun = [one for one in found if one.name == FREEDOMS[-1].name] or [_remedy(FREEDOMS[-1], *asked)]
-                found.append(_scheduled(problem, outer_end_mass_kg, begun[0], sigmas))
+                found.append(_scheduled(problem, masses_kg, begun[0], sigmas))
             elif found and found[0].name == UNTOUCHED.name:
                 found.append(_no_worse(_remedy(freedom, *asked, found[0].proved), found[0]))
             else:

@@ -277,12 +277,16 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         reason = f"{best}; governed by {free.governing}"
     elif choose == "stock" and stock:
         chosen = stock.pair
-        best = f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check"
-        reason = f"{best}; governed by {chosen.governing}"
+        best = f"lightest of {stock.pairs} stock pairs ({_in_stock(problem)})"
+        reason = f"{best}, of which {stock.pairs_feasible} pass every check; governed by {chosen.governing}"
     else:
         report(0.6, "what to relax")
         relaxations, chosen = relax_stock(problem, stock_of(problem)) if choose == "stock" else relax_free(problem)
-        reason = _nothing_fits(choose, free, chosen, relaxations)
+        kind = f"stock sizes ({_in_stock(problem)}) passes" if choose == "stock" else "free sizes was found that passes"
+        reason = f"no pair of {kind} every check; the nearest, {chosen}, misses: {chosen.misses}"
+        if choose == "stock" and free:
+            reason += f"; of free sizes {free.pair} would do, at {free.pair.beam_mass_kg:.3g} kg"
+        reason = f"{reason}; {_relax(relaxations)}"
         if chosen.feasible:
             reason = "a pair that passes every check, but no least mass was found"
     report(1.0, "done")
@@ -296,15 +300,10 @@ def _relax(relaxations: tuple[Relaxation, ...]) -> str:
     return "relax one of: " + "; ".join(str(item) for item in relaxations)
 
 
-def _nothing_fits(
-    choose: str, free: FreeOptimum | None, nearest: CheckedPair, relaxations: tuple[Relaxation, ...]
-) -> str:
-    kind = "stock" if choose == "stock" else "free"
-    passes = "was found that passes" if kind == "free" else "passes"
-    text = f"no pair of {kind} sizes {passes} every check; the nearest, {nearest}, misses: {nearest.misses}"
-    if kind == "stock" and free:
-        text += f"; of free sizes {free.pair} would do, at {free.pair.beam_mass_kg:.3g} kg"
-    return f"{text}; {_relax(relaxations)}"
+def _in_stock(problem: DesignProblem) -> str:
+    """Where the list of stock tubes begins and ends, for the outer beam."""
+    outer, _ = stock_of(problem)
+    return f"outer tubes of {outer[0].millimetres} to {outer[-1].millimetres} mm"
 
 
 def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> DesignProblem:

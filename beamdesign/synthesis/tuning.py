@@ -135,7 +135,7 @@ class LawOptions:
 @takes("Prototype")
 def tune(
     prototype: Prototype,
-    outer_end_mass_kg: tuple[float, float],
+    outer_end_mass_kg: tuple[float, float] | None = None,
     kind: str = "lag",
     largest_inner_end_mass_kg: float | None = None,
     progress: Progress | None = None,
@@ -152,7 +152,7 @@ def tune(
     Args:
         prototype: the rig; its goal sets the limits of compliance, peak sensitivity, loop gain and effort. A structured
             controller of its own sets the form of the stages of a scheduled one.
-        outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
+        outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed; else the prototype's.
         kind: see `LawOptions`; "scheduled" for several laws.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip; else what is usually enough, see
             `beamdesign.plant.assembly.most_inside_kg`.
@@ -178,9 +178,9 @@ def tune(
             before them whose changes are to be proved.
         ValueError: for a kind that is none of these, or an empty range.
     """
-    outer_end_mass_kg = prototype.asked_kg(outer_end_mass_kg)
+    masses_kg = prototype.asked_kg(outer_end_mass_kg)
     given, most = lumped.figures(prototype), largest_inner_end_mass_kg
-    most = most_inside_kg(given, outer_end_mass_kg[1]) if most is None else most
+    most = most_inside_kg(given, masses_kg[1]) if most is None else most
     checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, most)
     checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
@@ -197,15 +197,15 @@ def tune(
     if sigmas:
         tolerance, caution = stated_or_typical(prototype.tolerance, type(prototype.actuator))
         prototype = prototype.but(tolerance=tolerance)
-        spread = rig_spread(prototype.but(controller=None, guarantee=None), outer_end_mass_kg[1], sigmas)
+        spread = rig_spread(prototype.but(controller=None, guarantee=None), masses_kg[1], sigmas)
     asked = LawOptions(kind, (0.0, most), sections, tuple(sensors), spread, near)
     with within(minutes) as limit:
         if kind == Scheduled.model_fields["kind"].default:
             usual = Estimator.usual(pace(given), mass_unit_kg(given))
             figures = estimator or usual.but(noise_V=prototype.sensor.noise_V or usual.noise_V)
-            found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
+            found = _tune_stages(prototype, masses_kg, asked, stages, figures, report)
         else:
-            found = tune_law(prototype, outer_end_mass_kg, asked, report)
+            found = tune_law(prototype, masses_kg, asked, report)
     return replace(found, caution=caution, left_out=tuple(limit.left_out))
 
 

@@ -17,8 +17,7 @@ from scipy.ndimage import median_filter
 
 from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
-from beamdesign.columns import read_columns, uniform_times
-from beamdesign.diagnosis.data.dataset import refuse_missing
+from beamdesign.columns import read_columns, refuse_missing, uniform_times
 from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
 from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record

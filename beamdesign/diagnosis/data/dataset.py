@@ -10,15 +10,25 @@ import numpy as np
 
 from beamdesign import records
 from beamdesign.arguments import takes
-from beamdesign.columns import read_columns, uniform_times
+from beamdesign.columns import read_columns, refuse_missing, uniform_times
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
+from beamdesign.diagnosis.data.dataset_index import (
+    OFF,
+    GainEntry,
+    ResponseEntry,
+    Taken,
+    TimeEntry,
+    index_of,
+    read_index,
+)
 from beamdesign.diagnosis.data.input_noise import denoised, is_answered
 from beamdesign.diagnosis.data.stamps import refuse_uneven
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.quantities import quantity
 from beamdesign.records import InputError, Problem, Record
+from beamdesign.result import Result
 from beamdesign.structure.arm import arm_of, in_plane, lever_figures
 
 INPUTS = ("disturbance_N", "command_V")
@@ -190,8 +200,8 @@ class MeasuredGain:
         return self.controller.gain_A_per_V
 
 
-@dataclass(frozen=True)
-class Dataset:
+@dataclass(frozen=True, repr=False)
+class Dataset(Result):
     """Everything that came back.
 
     Attributes:
@@ -213,6 +223,25 @@ class Dataset:
     gains: tuple[MeasuredGain, ...] = ()
     warnings: tuple[str, ...] = ()
     stated: Prototype | None = None
+
+    @property
+    def status(self) -> str:
+        """How much there is of each kind of evidence."""
+        kinds = {"time record": self.records, "frequency response": self.responses, "critical gain": self.gains}
+        return ", ".join(f"{len(of)} {kind}{'s' * (len(of) > 1)}" for kind, of in kinds.items() if of) or "empty"
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """What was measured, under which masses and controller: for people."""
+        found: list[tuple[TimeRecord | FrequencyResponse | MeasuredGain, str, str]] = [
+            *((one, one.name, f"{len(one.times)} samples, {np.ptp(one.times):.4g} s") for one in self.records),
+            *((one, one.name, f"{len(one.frequencies_Hz)} frequencies, {one.column}") for one in self.responses),
+            *((one, "critical gain", quantity(one.gain, "A/V")) for one in self.gains),
+        ]
+        laws = ("servo off" if one.controller == OFF else one.controller.words() for one, *_ in found)
+        return [
+            (name, size, f"{one.outer_end_mass:g} kg outside, {one.inner_end_mass:g} kg inside, {law}")
+            for (one, name, size), law in zip(found, laws, strict=True)
+        ] + [("warning", words, "") for words in self.warnings]
 
     def as_stated(self, prototype: Prototype) -> Prototype:
         """What was found, with the controller and the tolerances that the file of the set states."""
@@ -279,21 +308,6 @@ def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Contro
         raise InputError(path, [("outer_end_mass_kg", reason)]) from error
 
 
-_UNRECORDED = {"current_A": "; if it was not recorded, state current_recorded = false of the record"}
-
-
-def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
-    """Refuse a file without a column it needs; one of the same quantity in another unit is pointed at."""
-    problems = []
-    for name in (name for name in needed if name not in columns):
-        stem, _, unit = name.partition("_")
-        alike = [other for other in columns if other.partition("_")[0].lower() == stem and other not in needed]
-        there = f"{alike[0]}: give it in {unit}, as {name}" if alike else ", ".join(columns)
-        problems.append(Problem(name, f"column missing; the file has {there}{_UNRECORDED.get(name, '')}"))
-    if problems:
-        raise InputError(path, problems)
-
-
 def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
     path = index.parent / row.file
 
@@ -302,7 +316,7 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
         if name in ("t_s", *INPUTS) or "t_s" not in columns:
             return np.zeros(len(columns[name]), dtype=bool)
         times = columns["t_s"]
-        _refuse_spans(index, row, times)
+        row.refuse_spans(index, times[0], times[-1])
         return np.any([(begin <= times) & (times <= end) for begin, end in row.left_out_s], axis=0)
 
     columns = read_columns(path, spared=spared if row.left_out_s else None)
@@ -332,17 +346,6 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
 
 def _unknown(path: Path, columns: Mapping[str, np.ndarray], known: tuple[str, ...]) -> list[str]:
     return [f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known]
-
-
-def _refuse_spans(index: Path, row: TimeEntry, times: np.ndarray) -> None:
-    begin, end = times[0], times[-1]
-    for span in row.left_out_s:
-        if not begin <= span[0] < span[1] <= end:
-            words = f"of {row.file}: {list(span)} is no span within its {begin:g} to {end:g} s, beginning first"
-            raise InputError(index, [("record.left_out_s", words)])
-    if 2 * sum(last - first for first, last in row.left_out_s) > end - begin:
-        words = f"of {row.file}: leaves out more than half of it; give the rest as a record of its own"
-        raise InputError(index, [("record.left_out_s", words)])
 
 
 def _response(path: Path, row: ResponseEntry, controller: Controller, warnings: list[str]) -> FrequencyResponse:

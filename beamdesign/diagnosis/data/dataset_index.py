@@ -67,6 +67,16 @@ class TimeEntry(Looped):
         str, Longest(1000), Field(description="what was done to it before it came here; a diagnosis says so")
     ] = ""
 
+    def refuse_spans(self, index: Path, begin: float, end: float) -> None:
+        """Refuse spans of a dataset.toml that do not lie within the record, s, or leave out more than half of it."""
+        for span in self.left_out_s:
+            if not begin <= span[0] < span[1] <= end:
+                words = f"of {self.file}: {list(span)} is no span within its {begin:g} to {end:g} s, beginning first"
+                raise InputError(index, [("record.left_out_s", words)])
+        if 2 * sum(last - first for first, last in self.left_out_s) > end - begin:
+            words = f"of {self.file}: leaves out more than half of it; give the rest as a record of its own"
+            raise InputError(index, [("record.left_out_s", words)])
+
 
 class ResponseEntry(Looped):
     """A frequency response."""

@@ -98,7 +98,7 @@ def kind_of_effect(name: str) -> str:
 
 
 _ALIKE = 0.05  # shares
-NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
+NO_GAP = Where("", (0.0, 0.0), "", sentence="Tolerances leave no gap to place.")
 
 
 def locate(
