@@ -295,6 +295,7 @@ _INSTEAD = {
     ("sweep", "study"): "`beamdesign run` takes it",
     ("prototype", "scenario"): "it goes with `beamdesign simulate PROTOTYPE --scenario {source}`",
     ("prototype", "certificate"): "`beamdesign certify --replay {source}` proves it again",
+    ("data set", "prototype"): "`beamdesign gap import FILES --prototype {source} --out DIR` makes one of records",
     ("scenario", "prototype"): "`beamdesign new scenario` starts a scenario",
 }
 

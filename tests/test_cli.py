@@ -324,6 +324,8 @@ def test_what_is_no_file_is_told_by_every_command(command: str, tmp_path: Path) 
         (["certify", str(ROOT / "studies" / "scenarios" / "kick.toml")], "`beamdesign simulate PROTOTYPE --scenario"),
         (["certify", str(RIG), "--outer-end-mass", "6.8"], "expected two masses in kg as LO:HI, such as 0:6.8"),
         (["tune", str(RIG), "--outer-end-mass", "6.8:0"], "6.8 is above 0"),
+        (["tune", str(RIG), "--outer-end-mass", "0:inf"], "--outer-end-mass: 0:inf: is inf, outside the plausible"),
+        (["gap", "diagnose", str(RIG)], "(whole file): is a prototype, where a data set is expected; `beamdesign gap"),
         (["tune", str(RIG), "--controller", "pid"], "expected one of lag, proportional"),
         (["tune", str(RIG), "--nominal", "--sigmas", "3"], "--sigmas: has no meaning with --nominal"),
         (["run", str(STUDY), "--nominal", "--sigmas", "1", "--out", "x"], "--sigmas: has no meaning with --nominal"),

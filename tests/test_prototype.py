@@ -284,6 +284,7 @@ GEOMETRY = "width_m, wall_m, free_length_m, material"
         ("outer_beam.wall_m", "2.3 mm", "outer_beam.wall_m", "must be a number, is '2.3 mm'"),
         ("outer_beam", "140 x 2.3", "outer_beam", "must be a table, is '140 x 2.3'"),
         ("name", 5, "name", "must be text in quotes, is 5"),
+        ("outer_beam.material", 6061, "outer_beam.material", "must be the name of a material in quotes, is 6061"),
         ("effects.sensor_lag", 0.1, "effects.sensor_lag", "must be a table, is 0.1"),
         ("effects.sensor_lag.time_s", "1", "effects.sensor_lag.time_s", "must be a number, is '1'"),
         # What is missing.

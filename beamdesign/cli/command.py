@@ -298,7 +298,7 @@ def figures_of(
     if not values or count not in (None, len(values)):
         refuse(option, (text, f"expected {expected}"))
     if wrong := [problem for value in values for problem in implausible(option, value, quantity)]:
-        refuse(option, *wrong[:1])
+        refuse(option, (text, wrong[0][1]))
     if separator == ":" and values[0] > values[-1]:
         refuse(option, (text, f"empty range: {values[0]:g} is above {values[-1]:g}"))
     return values

@@ -128,6 +128,9 @@ def material(name: str) -> Material:
 
 def _looked_up(given: Any) -> Any:
     """The material of a name; anything else as it is."""
+    if isinstance(given, bool | int | float):
+        said = {"reason": f"must be the name of a material in quotes, is {given!r}"}
+        raise PydanticCustomError("said", "{reason}", said)
     if not isinstance(given, str):
         return given
     try:

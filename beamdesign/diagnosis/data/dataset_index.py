@@ -11,6 +11,7 @@ from pydantic import Field, SerializeAsAny
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Controller, Proportional
+from beamdesign.files import wrong_kind
 from beamdesign.quantities import range_of
 from beamdesign.records import FileName, InputError, Longest, Problem, Record
 
@@ -162,6 +163,8 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
     problems += wrong_files("record.file", [row.file for row in entry.record], folder)
     problems += wrong_files("frequency_response.file", [row.file for row in entry.frequency_response], folder)
     if not (entry.record or entry.frequency_response or entry.critical_gain):
+        if other := wrong_kind(raw, "Index", str(path)):
+            raise InputError(path, [Problem("(whole file)", other)])
         problems.append(Problem("record", "the set holds no record, no frequency_response and no critical_gain"))
     if problems:
         raise InputError(path, problems)

@@ -295,7 +295,7 @@ def _record(
             free = [one for one in free if one is not column]
         else:
             are = f"are {len(meant)} columns" if meant else "is no column"
-            which = ": name one with its own unit, as NAME [UNIT]" if meant else ""
+            which = ": name one with its own unit, as NAME [UNIT], or rename one in the file" if meant else ""
             names = " or ".join(repr(name) for name, _, _ in ways)
             wrong.append(Problem(channel, f"there {are} {names}{which}; {_there(found)}"))
     for channel in (one for one in channels.known if one not in named):
