@@ -482,6 +482,7 @@ def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None
     assert set(told) == {"disturbance_N", "command_V", "current_A", "displacement_m"}
     assert "may be 'signal', by its unit" in told["command_V"]
     assert "signal [V]" in told["current_A"]
+    assert "what another recorder wrote goes into it first" in told["displacement_m"]
     assert not (tmp_path / "set").exists()
 
 

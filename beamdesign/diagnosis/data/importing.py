@@ -42,6 +42,10 @@ from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite
 from beamdesign.structure.arm import in_plane
 
+_ANOTHER = (
+    "; each file is a record of its own, so what another recorder wrote goes into it first: shift its times until a"
+    " channel that both recorded agrees, and interpolate its columns at the times of this file"
+)
 _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "g": 9.80665}
 
 
@@ -312,7 +316,7 @@ def _record(
             )
             none = f", or say that there is none, --column '{channel} = {NOTHING}'"
             if channel in channels.needed:
-                none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else ""
+                none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else _ANOTHER
             how = f"name it, --column '{channel} = NAME [UNIT]'{none}"
             wrong.append(Problem(channel, f"{which}: {how}; {_there(found)}"))
     if channels.either and not {*channels.either} & {*chosen, *(problem.key for problem in wrong)}:
