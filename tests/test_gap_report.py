@@ -35,7 +35,7 @@ from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, in_bands
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Arm, Payload
 from beamdesign.report.gap_folder import bands, gap_report_html, record_picture, write_gap_folder, zoom
-from beamdesign.report.gap_tables import HeatMap, closed_text, fitted_figures, indicator_table, place
+from beamdesign.report.gap_tables import HeatMap, closed_text, fitted_figures, indicator_table, place, terms_table
 from beamdesign.report.page import Table
 
 SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
@@ -413,6 +413,11 @@ def test_of_a_payload_off_the_axis_no_loop_on_it_is_drawn_or_tuned(data: Dataset
     rig = data.prototype.but(arm=Arm(plane="z", offset_m=(0.3, 0.0, 0.0)))
     off, beside = replace(data, prototype=rig), replace(found, prototype=rig)
     loops = designer_terms(off, rig)
+    (_, believed, diagnosed), *others = terms_table(loops[0]).rows
+    assert "off the axis" in believed
+    assert believed == diagnosed
+    assert others  # of which none would be read as a bandwidth or a gain that there is not
+    assert {cell for _, *cells in others for cell in cells} == {""}
     text = gap_report_html(beside, {"prototype": "prototype.toml", "json": "d.json"}, off, loops)
     assert "Compliance with" not in text
     assert "beamdesign tune" not in text

@@ -196,8 +196,9 @@ def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
     """Where a loop is stable, its bandwidth and peak sensitivity, and its critical gain at each end."""
     ranges = ", ".join(f"{stated_range(ends, 4)} kg" for ends in of.stable_ranges_kg) or "nowhere"
     yield of.reason or (f"all of {masses}" if of.stable else ranges)
-    yield "none" if of.bandwidth_Hz is None else stated_bandwidth(of.bandwidth_Hz)
-    yield "none" if of.peak_sensitivity is None else stated_peak(of.peak_sensitivity)
+    absent = "" if of.reason else "none"  # of figures that nobody worked out none is no answer
+    yield absent if of.bandwidth_Hz is None else stated_bandwidth(of.bandwidth_Hz)
+    yield absent if of.peak_sensitivity is None else stated_peak(of.peak_sensitivity)
     found = {at.outer_end_mass_kg: at for at in of.critical}
     for at in map(found.get, ends):
-        yield "none" if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"
+        yield absent if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"
