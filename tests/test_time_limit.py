@@ -45,6 +45,7 @@ from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.law_search import Found
 from beamdesign.synthesis.law_starts import from_seeds
+from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 
@@ -220,6 +221,30 @@ def test_designs_that_are_worth_nothing_are_none_that_was_left_out():
         found = law_search._best_proved(task, designs, silent, Found(None, (), 0, "none"), 1)
     assert limit.left_out == []
     assert (found.proved, found.reason) == (None, "none")
+
+
+def test_refining_leaves_time_for_the_proof_of_what_it_refined(monkeypatch: pytest.MonkeyPatch):
+    """A law of many figures is refined as long as there is time, and what is not proved then is no answer."""
+    problem = read_problem(STUDIES / "prototype.toml")
+    given = start_variables(problem, sizes_of(problem.given))
+    task = sized_search(problem, Sections(problem, given, largest_mass_kg=20.0, free=[]), (0.0, 6.8), 0.0, 0.0)
+    seconds = list[float]()
+
+    def refined(_: object, design: Design, *asked: object, **more: object) -> Design:
+        while not over():
+            pass
+        return design
+
+    def proved(*_: object) -> Found:
+        seconds.append(left())
+        return Found(None, (), 1, "refuted")
+
+    monkeypatch.setattr(law_search.Search, "refined", refined)
+    monkeypatch.setattr(law_search, "_proved", proved)
+    design = replace(from_seeds(task, Lag.seeds())[0], value=1.0)
+    with within(2.0, ticking(1.0)):
+        law_search._best_proved(task, [design], silent, Found(None, (), 0, "none"))
+    assert seconds[0] > 30
 
 
 @pytest.fixture(scope="module")

@@ -180,7 +180,8 @@ def _best_proved(task: Search, designs: Sequence[Design], report: Progress, best
             continue
         words = _in_words(task, rough)
         report(0.85, f"refining {words} for good")
-        design = task.refined(rough, *_spare(task), rounds=3 * task.effort.rounds, reach=_FURTHER)
+        with share(_SEEKING):
+            design = task.refined(rough, *_spare(task), rounds=3 * task.effort.rounds, reach=_FURTHER)
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
         tried.append(found)
