@@ -130,6 +130,7 @@ def test_fits_decide_where_a_cause_is_known(deadband):
 def test_no_gap_has_no_place(deadband):
     search, null, evidence = tuned(replace(deadband, records=deadband.records[:1]))
     assert locate(search, null, evidence).subsystem == ""
+    assert locate(search, null, evidence).sentence == "Tolerances leave no gap to place."  # of whatever was compared
 
 
 def test_kinds_of_effects_follow_from_their_equations():

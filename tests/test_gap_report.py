@@ -12,6 +12,7 @@ import pytest
 
 from beamdesign import Prototype, read_dataset
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
+from beamdesign.cli.gap import echo_diagnosis
 from beamdesign.diagnosis.bench_diagnosis import where_of
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
@@ -407,6 +408,13 @@ def test_a_place_without_a_band_is_told_without_one() -> None:
     assert Where("sensor", (100.0, 400.0), "").place == "sensor, 100 to 400 Hz"
     assert Where("sensor", (0.0, 0.0), "").place == "sensor"
     assert Where("", (0.0, 0.0), "").place == ""
+
+
+def test_a_verdict_before_all_was_compared_is_one_so_far(found: Diagnosis, capsys: pytest.CaptureFixture[str]) -> None:
+    echo_diagnosis(replace(found, name="rig", verdict="unknown", left_out=("joint_backlash",)))
+    assert capsys.readouterr().out.startswith("rig: unknown so far\n")
+    echo_diagnosis(replace(found, name="rig", verdict="no_gap"))
+    assert capsys.readouterr().out.startswith("rig: no gap\n")
 
 
 def test_of_a_payload_off_the_axis_no_loop_on_it_is_drawn_or_tuned(data: Dataset, found: Diagnosis) -> None:
