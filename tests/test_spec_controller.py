@@ -28,6 +28,7 @@ from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_
 from beamdesign.build.specification import digital_controller
 from beamdesign.controllers import Lag, Observer, Proportional, Section, Structured
 from beamdesign.proofs.mass_family import floats
+from beamdesign.proofs.rig_family import rig_family
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 
@@ -306,6 +307,19 @@ def test_components_of_a_law_that_lowers_the_current_are_proved_with_its_sign(ri
         assert certify(built.but(controller=circuit.law), 0.0, 6.8).stable
         assert (float(circuit.gain_span(0.05, 0.05)[1]) > lost) is (verdict == "refuted")
         assert with_tolerance(built, (0.0, 6.8), circuit, 0.05, 0.05).verdict == verdict
+
+
+def test_a_law_without_a_static_gain_is_no_product_of_stages(rig: Prototype) -> None:
+    """Their sign is read off at rest, where s / (s + 12.5) and 1 / s have none: -s / (s + 12.5) counted as rising."""
+    stage = [{"n1": fmpq(1, 10), "d1": fmpq(1, 5)}]
+    for numerator, a in ((-1.0, -12.5), (1.0, -12.5), (0.0, 0.0)):
+        washout = Observer.of(0.02, ("displacement_m",), [[a]], [[1.0]], [numerator * a or 1.0], [numerator])
+        law = washout.transfer_function()
+        assert law.numerator(0) * law.denominator(0) == 0
+        with pytest.raises(ValueError, match="zero or a pole at zero frequency"):
+            rig_family(rig.but(controller=washout), stage)
+        with pytest.raises(ValueError, match="pole or zero at zero frequency"):
+            circuit_of(washout, "E96", "E6")
 
 
 def test_components_are_proved_with_every_loop_that_stands_for_an_effect(rig: Prototype) -> None:

@@ -98,7 +98,7 @@ def rig_family(
             does not vary is a number then, and effects are those under the largest outer end mass.
 
     Raises:
-        ValueError: without a controller.
+        ValueError: without a controller, or for stages of a law that has no static gain to take their sign from.
         InputError: for effects for which no linear loop stands.
     """
     heaviest = nearest(varying["outer_end_mass"][1]) if varying and "outer_end_mass" in varying else None
@@ -130,8 +130,9 @@ def rig_family(
             for side in sides:
                 terms = (variable[f"stage_{k}_{name}"] * s ** int(name[1]) for name in one if name[0] == side)
                 sides[side] *= 1 + sum(terms, zero)
-        sign = -1 if law.numerators[0](0) * law.denominator(0) < 0 else 1  # the stages and the gain have none
-        numerators, denominator = [sign * sides["n"]], sides["d"]
+        if (still := law.numerators[0](0) * law.denominator(0)) == 0:
+            raise ValueError("a law with a zero or a pole at zero frequency is no product of stages of static gain one")
+        numerators, denominator = [sides["n"] * (1 if still > 0 else -1)], sides["d"]  # which has no sign, as the gain
     elif "controller_pole" in values:
         start, end = variable["controller_zero"], variable["controller_pole"]
         numerators, denominator = [end * (start + s)], start * (end + s)
