@@ -149,6 +149,38 @@ def test_while_a_gain_ripples_errors_of_a_box_are_of_its_largest_gain():
     assert valid(certify_box(rig, box, volumes=False).write(claims))
 
 
+@pytest.mark.usefixtures("coarse")
+def test_a_bound_says_at_which_gain_it_is_where_orifices_raise_that():
+    """Of a sine in the current, by the series of impedances that the paper's equations are: at the gain that orifices
+    reach against 1500 N a member of the box is moved by several times the bound, which is of the gain without them.
+    """
+    rig, (mass, size) = erring({})[0], (2.0, 1e-4)
+    effects = {"pressure_dependent_flow": {}, "valve_hysteresis": {"half_width_A": size}}
+    payload = rig.payload.but(outer_end_mass_kg=(mass, mass), largest_force_N=1500.0)
+    rig = rig.but(effects=effects, payload=payload, controller=rig.controller.but(gain_A_per_V=0.12))
+    box = tolerance_box(rig, 0.0, None, (mass, mass))
+    assert certify_box(rig, box, volumes=False).stable
+    (row,) = errors_over_box(rig, box)[1]
+    assert row.covers.count("at the gain without pressure_dependent_flow") == 1
+    f, s = figures(rig), 2j * np.pi * np.geomspace(1.0, 400.0, 3000)
+    outer, inner = (
+        f[f"{beam}_stiffness"] + f[f"{beam}_damping"] * s + (f[f"{beam}_mass"] + more) * s**2
+        for beam, more in (("outer", mass), ("inner", rig.payload.inner_end_mass_kg))
+    )
+    gives = s * (1 / outer + 1 / inner + 1 / f["oil_stiffness"]) + f["leakage"] / f["piston_area"] ** 2
+    valve = f["flow_gain"] / (
+        1 + 2 * f["valve_damping_ratio"] * s / f["valve_frequency"] + (s / f["valve_frequency"]) ** 2
+    )
+    moved, law = valve / f["piston_area"] / gives / outer, rig.controller
+    fed = (
+        f["sensor_gain"] * law.gain_A_per_V * (1 + s / (2 * np.pi * law.zero_Hz)) / (1 + s / (2 * np.pi * law.pole_Hz))
+    )
+    highest = sqrt(1 + (1500 + STANDARD_GRAVITY * mass) / f["piston_area"] / rig.supply.pressure_Pa)
+    assert nearest(box.ranges["effect_gain"][1]) == pytest.approx(highest)
+    by_sine = [size * abs(gain * moved / (1 + gain * moved * fed)).max() for gain in (1.0, highest)]
+    assert by_sine[0] < row.bound_m < by_sine[1] / 3
+
+
 def test_without_width_it_is_above_the_integral_and_not_far():
     """Of the exact prover over masses, which adds up absolute impulse responses."""
     rig = erring({})[0].but(effects={"valve_hysteresis": {}})

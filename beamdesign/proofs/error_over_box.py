@@ -36,6 +36,7 @@ from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import Asked, Row, Weighed
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import FACTOR, rig_family
+from beamdesign.proofs.scope import unraised
 from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFamily, Statement, wrapped
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, held, pieces
@@ -113,7 +114,9 @@ def errors_over_box(prototype: Prototype, box: Box, budget: int = 20_000) -> tup
     except ValueError as error:
         reason = f"No bound is proved over the box: {error}."
         return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found if not one.per_m)]
-    return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
+    spanned = linear_family(prototype, nearest(box.ranges.get(MASS, _NONE)[1]), box.ranges)
+    of = f"for every member of the box and every payload that stays{unraised(spanned, [one.effect for one in found])}"
+    return claims, [*rows, *rows_of(found, most, of, METHOD)]
 
 
 def _resized(claim: BoxClaim, size: fmpq) -> BoxClaim:

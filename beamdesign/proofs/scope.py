@@ -42,8 +42,13 @@ class Members:
             moving: effects that are not frozen.
         """
         words = " with every other effect frozen at either end of what it spans" if count > 1 else ""
-        others = [name for name, span in self.found.gains.items() if name not in moving and span.high != 1]
-        return words + (f", at the gain without {' and '.join(others)}" if others else "")
+        return words + unraised(self.found, moving)
+
+
+def unraised(found: LinearFamily, moving: Collection[str]) -> str:
+    """Which effects but those that move raise the gain, of loops at its own, in words; empty where none does."""
+    others = [name for name, span in found.gains.items() if name not in moving and span.high != 1]
+    return f", at the gain without {' and '.join(others)}" if others else ""
 
 
 def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
