@@ -315,6 +315,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
 
     from beamdesign.polynomial import nearest
     from beamdesign.proofs.certificate import describe
+    from beamdesign.proofs.over_box import of_members
     from beamdesign.proofs.scope import bracketing, holds_for
     from beamdesign.proofs.tolerance_box import figure_key
     from beamdesign.quantities import decimal
@@ -349,7 +350,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
         _echo_each(found.each, found.sigmas)
     for claim in found.claims:
         if claim.asked.kind not in ("peak_compliance", "deviation"):  # these beside others, in words of their own
-            echo(f"  guaranteed for every member: {describe(claim.asked)}")
+            echo(f"  guaranteed for {of_members([claim])}: {describe(claim.asked)}")
     lacking = (name for name, value in sure.items() if value is None or value is False)
     missing = [name.partition("_Hz")[0].partition("_m_per")[0] for name in lacking]
     if verdict.stable and missing:
@@ -358,7 +359,8 @@ def _echo_box(found: "BoxGuarantee") -> None:
         echo(f"  the peak sensitivity is not proved within the goal of {record.goal.peak_sensitivity:g}")
     if softest := sure["peak_compliance_m_per_N"]:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
-        _echo_over_passive(softest, *over, record.goal, " for every member")
+        of = of_members(claim for claim in found.claims if claim.asked.kind == "peak_compliance")
+        _echo_over_passive(softest, *over, record.goal, f" for {of}")
     _echo_moving(found.nonlinear or ())
     echo_aside(record)
     if found.left_out:

@@ -305,7 +305,7 @@ def relaxed(best: Asked, factor: float) -> Asked:
 def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
     """The claim at the magnitude of the worst member that was found."""
     for _ in range(_TURNS):
-        statement = _family(prototype, box, asked).over(box.ranges)
+        statement = over_own_ranges(prototype, box, asked)
         _, shares, w = worst_in_bands(statement)[0]
         plain, whole = with_unknown(statement, shares, w)
         sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
@@ -319,9 +319,10 @@ def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
 def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
     """The claim up to the bandwidth of the worst member that was found; None where that has none."""
     limit = asked.limit
-    highest = loop(prototype).at(nearest(box.ranges.get("outer_end_mass", _NONE)[0])).bandwidth_Hz(limit)
+    lightest = nearest(box.ranges.get("outer_end_mass", _NONE)[0])
+    highest = loop(prototype, performing=True).at(lightest).bandwidth_Hz(limit)
     for _ in range(_TURNS if 0 < highest < inf else 0):
-        statement = _family(prototype, box, Asked("compliance", limit, highest)).over(box.ranges)
+        statement = over_own_ranges(prototype, box, Asked("compliance", limit, highest))
         shares = worst_in_bands(statement)[0][1]
         w = np.linspace(0.0, 2 * pi * highest, _SAMPLES)[None]
         over = np.flatnonzero(ratios(statement, shares, w)[0] > 1)

@@ -180,7 +180,8 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
         low, high = centre * low, None if high is None else centre * high
         reach = stated_range((nearest(low), inf if high is None else nearest(high)), 4, " and ")
         words = (
-            f"The peak sensitivity {found.asked.limit:g} proved of every member covers a gain that changes between"
+            f"The peak sensitivity {found.asked.limit:g} proved of every member"
+            f"{' at which its effects perform' if found.own else ''} covers a gain that changes between"
             f" {reach.replace('∞', 'any number')} times its own, in any way and at any rate, for every payload that"
             f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
         )

@@ -1,6 +1,6 @@
 """All that is proved of every rig within tolerances at once: stability, performance, and what is not linear."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -18,7 +18,9 @@ from beamdesign.proofs.box_claims import BoxClaim, best_over_box, guaranteed_fie
 from beamdesign.proofs.certificate import Row, over_passive
 from beamdesign.proofs.changing_gain import changing_over_box
 from beamdesign.proofs.error_over_box import errors_over_box
+from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import members
+from beamdesign.proofs.statement import Interval
 from beamdesign.proofs.tolerance_box import (
     Scaling,
     figure_key,
@@ -28,7 +30,7 @@ from beamdesign.proofs.tolerance_box import (
     tolerance_box,
 )
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import Delay, Sigmas
+from beamdesign.quantities import Delay, Sigmas, stated_range
 from beamdesign.result import Result, finite, picked
 from beamdesign.time_limit import leave_out, over, share, within
 
@@ -93,6 +95,8 @@ class BoxGuarantee(Result):
         if softest := found["peak_compliance_m_per_N"]:
             off, _ = servo_off_over_box(self.prototype, self.box)
             found |= {"servo_off_m_per_N": off, "peak_over_passive": over_passive(softest, off)}
+        if performing := {name: ends for claim in self.claims for name, ends in part_of_box(claim).items()}:
+            found |= {"performing": in_units(performing)}
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,11 +110,7 @@ class BoxGuarantee(Result):
         shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]
         return finite({
             **picked(verdict, "stable reason pieces looked_at"),
-            "box": {
-                key: [nearest(low) / factor, nearest(high) / factor]
-                for name, (low, high) in self.box.ranges.items()
-                for key, factor in [figure_key(name)]
-            },
+            "box": in_units(self.box.ranges),
             **dict(zip(("stable_fraction", "unstable_fraction", "undecided_fraction"), shares, strict=True)),
             "unstable_point": point(verdict.unstable_point),
             "largest_scaling": scaling
@@ -123,6 +123,28 @@ class BoxGuarantee(Result):
             "complete": not self.left_out,
             "left_out": self.left_out,
         })  # fmt: skip
+
+
+def part_of_box(claim: BoxClaim) -> dict[str, Interval]:
+    """The ranges in which performance is claimed, where they are not those of the box: of effects while they perform.
+
+    None of a bounded error, whose row says it, and of claims that are about lower gains too.
+    """
+    gains = ("controller_gain", FACTOR) if claim.asked.kind in ("gain_margin", "slope") else ()
+    return {} if claim.asked.kind == "deviation" else {n: own for n, own in claim.own.items() if n not in gains}
+
+
+def of_members(claims: Iterable[BoxClaim]) -> str:
+    """Of which members these are, in words."""
+    own = in_units({name: ends for claim in claims for name, ends in part_of_box(claim).items()})
+    at = (f"{key} {stated_range((low, high)) if low < high else f'{low:.7g}'}" for key, (low, high) in own.items())
+    return f"every member{' with ' if own else ''}{' and '.join(at)}"
+
+
+def in_units(ranges: Mapping[str, Interval]) -> dict[str, list[float]]:
+    """Ranges by their keys with units, frequencies in Hz."""
+    keys = ((*figure_key(name), ends) for name, ends in ranges.items())
+    return {key: [nearest(end) / factor for end in ends] for key, factor, ends in keys}
 
 
 @takes("Prototype")

@@ -36,7 +36,7 @@ def performing_spans(found: LinearFamily) -> dict[str, Interval]:
     """The part of these spans over which more than stability is asked; none where nothing else than stability is."""
     spans = {name: found.spans[key].performing for name, key in _frozen(found).items()}
     gain = next((one.performance for one in found.members if one.performance is not None), None)
-    if gain is not None and (gain.low, gain.high) != (1.0, 1.0):
+    if gain is not None and FACTOR in effect_spans(found):
         spans[FACTOR] = gain.low, gain.high
     return {name: (exact(low), exact(high)) for name, (low, high) in spans.items()}
 
