@@ -12,9 +12,10 @@ from beamdesign import check
 from beamdesign.loop import loop
 from beamdesign.polynomial import even_odd, exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
+from beamdesign.proofs.balls import balls
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
-from beamdesign.proofs.frames import Between, Cell, Frames, balls
+from beamdesign.proofs.frames import Between, Cell, Frames
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each

@@ -47,7 +47,7 @@ class Term(NamedTuple):
 
 
 class Node(NamedTuple):
-    """Part of p: a "leaf" by its name, the "delay", the "unknown", or the "sum" or "product" of other parts.
+    """Part of p: a "leaf" or the "inverse" of one by its name, the "delay", the "unknown", a "sum" or a "product".
 
     `packs` are the places of the packs of enumerated leaves on which it depends, ascending.
     """
@@ -76,6 +76,7 @@ class Expression:
         leaves: by name.
         packs: names of leaves that are enumerated over their control points, those in one pack on a common grid.
         body: p over the leaves.
+        quotient: p over its divisors, leaves that are factors of one summand of it and stand nowhere else.
         delay: the variable that is the delay in s, None where there is none.
         groups: kind and members of a variable that stands for several parameters.
         circle: of the unknown, None where p has none.
@@ -142,6 +143,7 @@ class Expression:
         self.body = _structure(tree, known, late, places, own)
         if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
+        self.quotient = _divided(self.body, table.words("divisors") if "divisors" in table else [])
         degree = {name: max((term.degree for term in terms), default=0) for name, terms in self.leaves.items()}
         if self.body.folded(lambda node: degree[node.name] if node.kind == "leaf" else 0, max, sum) > HIGHEST_DEGREE:
             raise Unreadable(f"p has a higher degree in s than {HIGHEST_DEGREE}")
@@ -331,6 +333,24 @@ def _structure(
             flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
             return Node(kind, "", flat, tuple(sorted({k for part in flat for k in part.packs})))
     raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
+
+
+def _divided(body: Node, divisors: Sequence[str]) -> Node:
+    """P over some leaves: they are left out of the summand that they multiply, and divide the others."""
+    summands = list(body.parts if body.kind == "sum" else (body,))
+    count = body.folded(lambda node: Counter([node.name]), partial(reduce, add), partial(reduce, add))
+    for name in divisors:
+        factor = Node("leaf", name, (), ())
+        of = [k for k, one in enumerate(summands) if one.kind == "product" and factor in one.parts]
+        if len(of) != 1 or count[name] != 1 or len(summands[of[0]].parts) < 2:
+            raise Unreadable(f"p cannot be divided by {name[:60]!r}, which is no factor of one of its summands alone")
+        for k, one in enumerate(summands):
+            parts = one.parts if one.kind == "product" else (one,)
+            left = tuple(part for part in parts if part != factor)
+            summands[k] = one._replace(
+                kind="product", name="", parts=left if k == of[0] else (*left, Node("inverse", name, (), ()))
+            )
+    return Node("sum", "", tuple(summands), body.packs)
 
 
 def _powers(node: Node) -> Counter[str]:

@@ -14,20 +14,19 @@ by construction. A variable is cut in the middle of its range, or of its recipro
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import product, zip_longest
-from math import comb, prod
+from math import prod
 from operator import add, mul
 from typing import TypeVar
 
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker.expressions import Expression, Node, Term, degrees
+from beamdesign.checker.points import TANGENTS, apart, arc, inverses, polar
 from beamdesign.checker.reading import Unreadable, rational, short
 from beamdesign.checker.roots import NONE, ONE, ZERO, Pair, parts
 from beamdesign.checker.work import height, spend
 
 PRECISION_BITS = 96
-TANGENTS = 6
-"""Around the arc of exp(-jwT)."""
 MOST_POINTS, MOST_OPEN = 200_000, 1_000
 """Control points of p on one piece, and pieces that wait for their turn: some 20 at once in honest trees."""
 
@@ -56,7 +55,7 @@ class Frame:
         even, odd = control
         return acb(even(self._square), self.w * odd(self._square))
 
-    def _leaf(self, name: str) -> list[acb]:
+    def leaf(self, name: str) -> list[acb]:
         """What lies along either axis makes two ends of a side; the rest adds its own points."""
         points, sides = [acb(0)], [(arb(0), arb(0)), (arb(0), arb(0))]
         for axis, controls in self.cell.controls(name):
@@ -71,7 +70,7 @@ class Frame:
 
     def _pack(self, pack: Sequence[str]) -> list[dict[str, acb]]:
         if len(pack) == 1:
-            return [{pack[0]: point} for point in self._leaf(pack[0])]
+            return [{pack[0]: point} for point in self.leaf(pack[0])]
         columns = [[self._value(control) for control in column] for column in self.cell.common(tuple(pack))]
         return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
 
@@ -85,16 +84,18 @@ class Frame:
     def _points(self, node: Node) -> dict[Choice, list[acb]]:
         if node.kind == "delay":
             least, most_late = self.cell.values[node.name]
-            return {(): _arc(self.w * least, self.w * (most_late - least))}
+            return {(): arc(self.w * least, self.w * (most_late - least))}
         if node.kind == "unknown":
             low, high = self.cell.values[node.name]
             centre, radius = map(arb, self.cell.circle)
             turn = 2 * arb.pi()
-            return {(): [centre + radius * point for point in _arc(turn * low, turn * (high - low))]}
+            return {(): [centre + radius * point for point in arc(turn * low, turn * (high - low))]}
+        if node.kind == "inverse":
+            return {(): inverses(self.leaf(node.name))}
         if node.kind == "leaf" and node.packs:
             return {(k,): [choice[node.name]] for k, choice in enumerate(self._packs[node.packs[0]])}
         if node.kind == "leaf":
-            return {(): self._leaf(node.name)}
+            return {(): self.leaf(node.name)}
         found, packs = self.points(node.parts[0]), node.parts[0].packs
         for part in node.parts[1:]:
             both = tuple(sorted({*packs, *part.packs}))
@@ -139,7 +140,7 @@ class Cell:
     def __init__(self, expression: Expression, values: Values) -> None:
         self.expression, self.values = expression, dict(values)
         self.circle = expression.circle or (fmpq(0), fmpq(0))
-        self.summands = expression.body.parts if expression.body.kind == "sum" else (expression.body,)
+        self.summands = expression.quotient.parts
         self._controls: dict[str, list[tuple[int | None, list[Control]]]] = {}
         self._common: dict[tuple[str, ...], list[list[Control]]] = {}
         self._rates: dict[str, Control] = {}
@@ -186,7 +187,7 @@ class Cell:
             for c, degree, own in terms:
                 # A variable of the grid that a term lacks counts as its power of zero, which is one everywhere.
                 factors = (
-                    _polar(*self.values[name], powers[name], at[name], power)
+                    polar(*self.values[name], powers[name], at[name], power)
                     if name in at
                     else self.values[name][0] ** power
                     for name, power in own.items()
@@ -253,6 +254,12 @@ class Cell:
                 f, df, ddf = self._growth(frames, part, chord)
                 size, slope, bend = size * f, size * df + slope * f, size * ddf + 2 * slope * df + bend * f
             return size, slope, bend
+        if node.kind == "inverse":
+            slope, bend = self._steepness(node.name, frames[1].w)
+            most = 1 / (apart([*frames[0].leaf(node.name), *frames[1].leaf(node.name)]) - bend * chord)
+            if not most > 0:  # the leaf may vanish between these frequencies, or nothing is known of it
+                most = arb("inf")
+            return most, slope * most**2, bend * most**2 + 2 * slope**2 * most**3
         if node.kind == "leaf":
             slope, bend = self._steepness(node.name, frames[1].w)
         else:
@@ -290,12 +297,14 @@ def control_points(expression: Expression) -> int:
 
     def of(node: Node) -> int:
         if node.kind == "sum":
-            return (sum if node is expression.body else prod)(map(of, node.parts))
+            return (sum if node is expression.quotient else prod)(map(of, node.parts))
         if node.kind in ("delay", "unknown"):
             return TANGENTS + 2
+        if node.kind == "inverse":
+            return of_leaf(node.name) * (of_leaf(node.name) + 1) // 2
         return prod(map(of, node.parts), start=1 if node.packs or node.parts else of_leaf(node.name))
 
-    return of(expression.body) * prod(
+    return of(expression.quotient) * prod(
         of_leaf(pack[0]) if len(pack) == 1 else prod(1 + e for e in common_degrees(expression, pack).values())
         for pack in expression.packs
     )
@@ -356,29 +365,6 @@ def _settled(cell: Cell, w1: fmpq, w2: fmpq | None, mark: str) -> bool:
     across = [arb(rational(number, "a line of the tree")) for number in (x, y)]
     with ctx.workprec(PRECISION_BITS):
         return w2 is not None and cell.clear(w1, w2, *across)
-
-
-def _polar(low: fmpq, high: fmpq, degree: int, highs: int, power: int) -> fmpq:
-    """The polar form of x^power, as of a degree, at `highs` times the high end and else the low end.
-
-    It is the mean over all products of `power` of these arguments: the coefficient of t^power in
-    (1 + low t)^(degree - highs) (1 + high t)^highs over the number of such products.
-    """
-    return (fmpq_poly([1, low]) ** (degree - highs) * fmpq_poly([1, high]) ** highs)[power] / comb(degree, power)
-
-
-def _arc(start: arb, sweep: arb) -> list[acb]:
-    """The ends of the arc exp(-j angle) over some angles, and corners of tangents around it."""
-    if sweep == 0:
-        return [_turned(start)]
-    sweep = sweep.min(2 * arb.pi())
-    part = sweep / (2 * TANGENTS)
-    corners = [_turned(start + (2 * k + 1) * part) / part.cos() for k in range(TANGENTS)]
-    return [_turned(start), *corners, _turned(start + sweep)]
-
-
-def _turned(angle: arb) -> acb:
-    return acb(angle.cos(), -angle.sin())
 
 
 def _ends(side: tuple[arb, arb]) -> tuple[arb, ...]:

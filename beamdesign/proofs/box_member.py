@@ -11,7 +11,7 @@ import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.polynomial import even_odd, is_hurwitz, nearest, squared_magnitude
-from beamdesign.proofs.frames import unit
+from beamdesign.proofs.balls import unit
 from beamdesign.proofs.statement import UNKNOWN, Point, Statement
 from beamdesign.proofs.value_set import delays, plain_and_whole, with_unknown
 

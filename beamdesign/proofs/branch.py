@@ -211,7 +211,8 @@ def _best_lines(where: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Directions are tried on a coarse grid, then nearer to the best; distances of the ends are each by its own line.
     """
-    stray = where.bend(where.between) * where.between.sag
+    with np.errstate(invalid="ignore"):
+        stray = where.bend(where.between) * where.between.sag
     blur = _CLEAR * np.sum([where.largest(node) for node in where.statement.summands], axis=0).reshape(2, -1)
     points, count = where.rows(), len(stray)
     rows = np.arange(count)

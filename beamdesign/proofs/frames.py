@@ -7,24 +7,19 @@ The search before the proof puts hulls together alike, in floats alone (`beamdes
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 from itertools import product
 from math import comb
 from operator import add, mul
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import acb, arb, fmpq
+from flint import arb, fmpq
 
 from beamdesign.polynomial import nearest
+from beamdesign.proofs.balls import LEAST, UNIT, UP, Balls, arc, balls, turn, unit
 from beamdesign.proofs.statement import Interval, Node, Statement, Term
 
-ARC_PARTS = 6
-"""Tangents around the arc of exp(-jwT)."""
-
-_UNIT, UP, _LEAST = 2.0**-53, 1 + 2.0**-48, 1e-290
-"""Relative error of one rounding, what outweighs a dozen of them, and what outweighs underflow."""
 _TINY = 1e-300
 """What outweighs underflow in a power of w."""
 
@@ -102,91 +97,6 @@ def control_value(low: Any, high: Any, power: int, degree: int, i: int) -> Any:
     return sum(terms, 0 * low) / comb(degree, power)
 
 
-@dataclass(frozen=True)
-class Balls:
-    """Complex numbers in floats, each no farther from its middle than its radius, which is rounded up.
-
-    Arrays (F, C1, ..., CN, V): frames, an axis for every pack that is enumerated, of length one where nothing depends
-    on it, and V points. Sums and products of floats as bounded by S. M. Rump, BIT 39 (1999) 534; that of complex ones
-    errs by less than 4 u |a b| (R. Brent, C. Percival, P. Zimmermann, Math. Comp. 76 (2007) 1469). In a search, where
-    nothing bounds the error, there is no radius.
-    """
-
-    middle: np.ndarray
-    radius: np.ndarray | None = None
-
-    def __add__(self, other: "Balls") -> "Balls":
-        """Of every point of either."""
-        return self._joined(other, np.add, lambda a, b, r, t: r + t + _UNIT * (a + b))
-
-    def __mul__(self, other: "Balls") -> "Balls":
-        """Of every point of either."""
-        return self._joined(other, np.multiply, lambda a, b, r, t: a * t + (b + t) * r + 4 * _UNIT * a * b)
-
-    def _joined(self, other: "Balls", combined: np.ufunc, strayed: Callable[..., np.ndarray]) -> "Balls":
-        middle = flat(combined(self.middle[..., :, None], other.middle[..., None, :]))
-        if self.radius is None or other.radius is None:
-            return Balls(middle)
-        a, r = (part[..., :, None] for part in (self.size, self.radius))
-        b, t = (part[..., None, :] for part in (other.size, other.radius))
-        return Balls(middle, flat(UP * strayed(a, b, r, t) + _LEAST))
-
-    def beside(self, other: "Balls") -> "Balls":
-        """Sums of points that belong together."""
-        middle = self.middle + other.middle
-        if self.radius is None or other.radius is None:
-            return Balls(middle)
-        return Balls(middle, UP * (self.radius + other.radius + _UNIT * (self.size + other.size)) + _LEAST)
-
-    def ends(self, axis: int) -> "Balls":
-        """The least and the largest of points (F, N) along the real (0) or the imaginary (1) axis."""
-        along, turn = (self.middle.imag, 1j) if axis else (self.middle.real, 1 + 0j)
-        ends = turn * np.stack([along.min(axis=1), along.max(axis=1)], axis=1)
-        radius = None if self.radius is None else np.repeat(self.radius.max(axis=1, keepdims=True), 2, axis=1)
-        return Balls(ends, radius)
-
-    def shaped(self, shape: Sequence[int]) -> "Balls":
-        """The same in another shape."""
-        return Balls(self.middle.reshape(shape), None if self.radius is None else self.radius.reshape(shape))
-
-    @cached_property
-    def size(self) -> np.ndarray:
-        """Upper bounds of the sizes of the middles."""
-        return np.asarray(UP * np.abs(self.middle))
-
-    @cached_property
-    def largest(self) -> np.ndarray:
-        """Upper bounds (F, C1, ..., CN) of the size of any of the V points."""
-        sizes = np.abs(self.middle) if self.radius is None else UP * (self.size + self.radius)
-        return np.asarray(sizes.max(axis=-1))
-
-    @cached_property
-    def _blur(self) -> np.ndarray:
-        assert self.radius is not None  # in a proof
-        return np.asarray(UP * (self.radius + 4 * _UNIT * self.size))
-
-    def along(self, x: np.ndarray | int, y: np.ndarray | int, which: Any = ...) -> np.ndarray:
-        """Lower bounds (F, C1, ..., CN) of the real part of the points times the conjugate of a direction x + j y.
-
-        Of some frames only where `which` says so, each by the direction of its own then.
-        """
-        middle = self.middle[which]
-        strayed = (np.abs(x) + np.abs(y)) * self._blur[which]
-        return np.asarray((x * middle.real + y * middle.imag - UP * strayed - _LEAST).min(axis=-1))
-
-
-def flat(points: np.ndarray) -> np.ndarray:
-    """With the last two axes as one."""
-    return points.reshape(*points.shape[:-2], points.shape[-2] * points.shape[-1])
-
-
-def balls(points: Sequence[acb]) -> Balls:
-    """Points (V,) as they are."""
-    middle = [complex(point) for point in points]
-    radius = [float(abs(point - acb(at)).upper()) for point, at in zip(points, middle, strict=True)]
-    return Balls(np.array(middle), UP * np.array(radius) + _LEAST)
-
-
 class Between(NamedTuple):
     """Pieces, each of one cell between two frequencies: the numbers (P,) of their frames.
 
@@ -213,6 +123,7 @@ class Hulls(ABC):
     def __init__(self, statement: Statement, count: int):
         self.statement, self.count = statement, count
         self._known: dict[int, Balls] = {}
+        self._divisors: dict[str, Balls] = {}
         packs = [(k, self._pack(pack)) for k, pack in enumerate(statement.bound)]
         self._enumerated: dict[str, Balls] = {name: self._along(one, k) for k, pack in packs for name, one in pack}
 
@@ -228,7 +139,8 @@ class Hulls(ABC):
 
     def bend(self, between: Between) -> np.ndarray:
         """Bounds (P,) of the second derivative of p in w on pieces, over their cells."""
-        return np.asarray(reduce(add, (self.growth(between, node)[2] for node in self.statement.summands)))
+        with np.errstate(over="ignore", invalid="ignore"):  # of what comes near zero where p is divided by it
+            return np.asarray(reduce(add, (self.growth(between, node)[2] for node in self.statement.summands)))
 
     def growth(self, between: Between, node: Node) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bounds (P,) of |f|, |df/dw| and |d2f/dw2| of a part of p on pieces, over their cells."""
@@ -238,6 +150,13 @@ class Hulls(ABC):
             return 0 * sag + 1, most, up * most * most
         if node.kind == "circle":
             return 0 * sag + up * nearest(sum(self.statement.circles[node.name], fmpq(0))), 0 * sag, 0 * sag
+        if node.kind == "inverse":
+            slope, bend = self._steepness(node.name, last)
+            square = self._own(node.name).with_those(first, last).turned.least.min(axis=(1, 2))
+            # The mean of points is at least the root of the least Re(a conj(b)) from zero.
+            apart = np.sqrt(np.maximum(square, 0.0)) / up - up * bend * sag
+            most = np.where(apart > 0, up / np.maximum(apart, _TINY), np.inf)
+            return most, up * slope * most**2, up * (bend * most**2 + 2 * slope**2 * most**3)
         if node.kind == "product":
             size, slope, bend = self.growth(between, node.parts[0])
             for part in node.parts[1:]:
@@ -262,11 +181,19 @@ class Hulls(ABC):
     def _found(self, node: Node) -> Balls:
         if node.kind == "leaf":
             return self._enumerated[node.name] if node.packs else self._along(self._leaf(node.name))
+        if node.kind == "inverse":
+            return self._along(self._own(node.name).inverted())
         if node.kind == "delay":
             return self._along(self._late(node.name))
         if node.kind == "circle":
             return self._along(self._circle(node.name))
         return reduce(add if node.kind == "sum" else mul, map(self.points, node.parts))
+
+    def _own(self, name: str) -> Balls:
+        """The same points (F, V) of a leaf that p is divided by, made once."""
+        if name not in self._divisors:
+            self._divisors[name] = self._leaf(name)
+        return self._divisors[name]
 
     def _leaf(self, name: str) -> Balls:
         """An interval along either axis, and control points of what lies along neither."""
@@ -329,7 +256,7 @@ class Frames(Hulls):
         """Lower bounds (P,) over some frames of the real part of p times the conjugates of directions (2, P)."""
         x, y = directions.reshape(2, -1, *[1] * (len(self.statement.bound) + 1))
         along = [self.points(node).along(x, y, which) for node in self.statement.summands]
-        strayed = 2 * len(along) * _UNIT * reduce(add, map(np.abs, along))
+        strayed = 2 * len(along) * UNIT * reduce(add, map(np.abs, along))
         return np.asarray((reduce(add, along) - UP * strayed).reshape(len(which), -1).min(axis=1))
 
     @property
@@ -340,10 +267,10 @@ class Frames(Hulls):
     def _steepness(self, name: str, which: Any) -> tuple[np.ndarray, np.ndarray]:
         sizes = np.stack([cell.sizes(name) for cell in self._cells])[np.array(self._cell)[which]]
         n = np.arange(sizes.shape[1])
-        up = 1 + 4 * (len(n) + 2) * _UNIT
+        up = 1 + 4 * (len(n) + 2) * UNIT
         first = up * (sizes * n * self._powers[which][:, np.maximum(n - 1, 0)]).sum(axis=1)
         second = up * (sizes * n * (n - 1) * self._powers[which][:, np.maximum(n - 2, 0)]).sum(axis=1)
-        return first + _LEAST, second + _LEAST
+        return first + LEAST, second + LEAST
 
     def _latest(self, name: str, which: Any) -> np.ndarray:
         return np.array([UP * nearest(self.places[k][0].values[name][1]) for k in which])
@@ -357,8 +284,8 @@ class Frames(Hulls):
         n = grids.shape[2] - 1
         each = grids * self._powers[:, None, : n + 1]
         turned = each * np.array([1.0, 1.0, -1.0, -1.0])[np.arange(n + 1) % 4]
-        strayed = (3 * n + 4) * _UNIT * np.abs(each).sum(axis=2) + _TINY * np.abs(grids).sum(axis=2)
-        return Balls(turned[..., ::2].sum(axis=2) + 1j * turned[..., 1::2].sum(axis=2), UP * strayed + _LEAST)
+        strayed = (3 * n + 4) * UNIT * np.abs(each).sum(axis=2) + _TINY * np.abs(grids).sum(axis=2)
+        return Balls(turned[..., ::2].sum(axis=2) + 1j * turned[..., 1::2].sum(axis=2), UP * strayed + LEAST)
 
     def _late(self, name: str) -> Balls:
         if name not in self.statement.varying and self.statement.inner[name][0] == 0:
@@ -377,24 +304,7 @@ class Frames(Hulls):
         points = []
         for cell in self._cells:
             low, high = cell.values[name]
-            points += [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
+            points += [centre + radius * point for point in arc(turn() * arb(low), turn() * arb(high - low))]
         found = balls(points).shaped((len(self._cells), -1))
         assert found.radius is not None
         return Balls(found.middle[self._cell], found.radius[self._cell])
-
-
-def arc(start: arb, sweep: arb) -> list[acb]:
-    """The ends of the arc exp(-j angle) over some angles, and the corners of tangents around it."""
-    sweep = sweep if sweep < _turn() else _turn()
-    shrink = (sweep / (2 * ARC_PARTS)).cos()
-    corners = [unit(start + sweep * (2 * i + 1) / (2 * ARC_PARTS)) / shrink for i in range(ARC_PARTS)]
-    return [unit(start), *corners, unit(start + sweep)]
-
-
-def _turn() -> arb:
-    return 2 * arb.pi()
-
-
-def unit(angle: arb) -> acb:
-    """exp(-j angle)."""
-    return acb(angle.cos(), -angle.sin())

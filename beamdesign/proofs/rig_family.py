@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from math import inf, pi
@@ -22,6 +23,7 @@ from beamdesign.structure.lumped import figures
 
 TRANSPORT = "transport"
 FACTOR = "effect_gain"
+_GAIN = "controller_gain"
 
 
 def effect_spans(found: LinearFamily) -> dict[str, Interval]:
@@ -152,16 +154,39 @@ def rig_family(
         effort = variable["controller_gain"] * loop_denominator * numerators[0]
         p, circles[UNKNOWN], since, until = claimed(claim, p, gain * loop_numerator, effort)
     form = read_once(p, [name for name in values if name != "delay"], (TRANSPORT, UNKNOWN))
-    if claim is not None and claim.multiplier is not None:
-        form = weighed(form, claim.multiplier)
+    if (weights := None if claim is None else claim.multiplier) is not None:
+        form = weighed(form, weights)
     if error is not None:
         form = _moved(form if error.place == "volts" else _apart(form), error.decay)
     positive = [name for name in values if name not in _frozen(found) and name not in shaping]
     delays = {TRANSPORT: "delay"} if delayed else {}
-    window, quick = (circles, since, until), pace(model.figures)
+    of, by = (circles, since, until, pace(model.figures)), () if error or weights else _divisors(form)
     return PolynomialFamily(
-        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, *window, quick
+        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, *of, by
     )
+
+
+def _divisors(form: Expression) -> tuple[str, ...]:
+    """The leaves that are lags of the loop, of the valve or a filter: factors of all without its gain, and no others.
+
+    Their uncertain phase turns all of that, whose parts are large where a resonance makes them cancel.
+    """
+
+    def flat(node: ast.expr, operation: type[ast.operator]) -> list[ast.expr]:
+        if isinstance(node, ast.BinOp) and isinstance(node.op, operation):
+            return flat(node.left, operation) + flat(node.right, operation)
+        return [node]
+
+    body = ast.parse(form.p, mode="eval").body
+    standing = Counter(node.id for node in ast.walk(body) if isinstance(node, ast.Name))
+    own = {name: _names(ast.parse(leaf, mode="eval")) for name, leaf in form.leaves.items()}
+    gain = next((name for name, _, members in form.groups if _GAIN in members), _GAIN)
+    without = [term for term in flat(body, ast.Add) if not any(gain in own.get(name, ()) for name in _names(term))]
+    if len(without) != 1:
+        return ()
+    factors = [one.id for one in flat(without[0], ast.Mult) if isinstance(one, ast.Name) and one.id in own]
+    bound = {*chain(*form.bound)}
+    return tuple(n for n in factors if "s" in own[n] and len(own[n]) > 1 and standing[n] == 1 and n not in bound)
 
 
 def _apart(form: Expression) -> Expression:

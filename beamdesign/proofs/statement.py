@@ -43,7 +43,7 @@ UNKNOWN = "unknown"
 
 
 class Node(NamedTuple):
-    """Part of p: a "leaf", "delay" or "circle" by its name, or the "sum" or "product" of other parts.
+    """Part of p: a "leaf", the "inverse" of one, "delay" or "circle" by its name, or the "sum" or "product" of others.
 
     `packs` are the places of those packs of leaves that are enumerated and on which it depends.
     """
@@ -152,6 +152,27 @@ def _structure(
     raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
 
 
+def _divided(body: Node, divisors: Collection[str]) -> tuple[Node, ...]:
+    """The summands of p over some leaves, each of which is a factor of one of them.
+
+    Raises:
+        ValueError: for a leaf that is not, or is bound.
+    """
+    summands = body.parts if body.kind == "sum" else (body,)
+    standing = body.fold(lambda one: Counter([one.name]), add, add)
+    for name in divisors:
+        factor, inverse = Node("leaf", name, ()), Node("inverse", name, ())
+        if standing[name] != 1 or not any(one.kind == "product" and factor in one.parts for one in summands):
+            raise ValueError(f"p cannot be divided by {name}, which is not a factor of one of its summands alone")
+        summands = tuple(
+            one._replace(parts=tuple(part for part in one.parts if part != factor))
+            if one.kind == "product" and factor in one.parts
+            else Node("product", "", (*(one.parts if one.kind == "product" else (one,)), inverse), one.packs)
+            for one in summands
+        )
+    return summands
+
+
 @dataclass(frozen=True)
 class PolynomialFamily:
     """A characteristic polynomial over parameters; the texts are as a certificate states them.
@@ -169,6 +190,7 @@ class PolynomialFamily:
         since: frequency from which on it is looked at, rad/s.
         until: up to which, rad/s; None for all.
         pace: how many times as quick as the published rig what moves so is: where searches look; it proves nothing.
+        divisors: leaves that p is divided by on every piece, see `Statement`.
     """
 
     name: str
@@ -183,6 +205,7 @@ class PolynomialFamily:
     since: fmpq = _ZERO
     until: fmpq | None = None
     pace: float = 1.0
+    divisors: tuple[str, ...] = ()
 
     def over(self, ranges: Mapping[str, Interval]) -> "Statement":
         """The family over a box; parameters that are not named keep their values.
@@ -202,6 +225,7 @@ class PolynomialFamily:
         groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in self.groups]
         more = {"leaf": self.leaves, "delay": self.delays, "group": groups}
         body: Tables = {"p": self.p} | ({"bound": [[*pack] for pack in self.bound]} if self.bound else {})
+        body |= {"divisors": [*self.divisors]} if self.divisors else {}
         body |= {} if tree is None else {"tree": wrapped(tree)}
         return body | {key: value for key, value in more.items() if value}
 
@@ -218,6 +242,9 @@ class Statement:
         leaves: expanded polynomials by name; "s" is one of them.
         bound: names of leaves that are enumerated over their control points, those in one pack on a common grid.
         body: p over leaves and delays.
+        divisors: leaves, each a factor of one summand of p and nowhere else, that p is divided by where it is to be
+            clear of zero: what turns that whole summand turns the others alone then.
+        summands: of p over its divisors, as a sum of one part at least.
         parameters: range of each parameter.
         ranges: range of each variable; a group of parameters is one variable.
         inner: ranges as they enter, reciprocals where the powers are negative.
@@ -238,6 +265,8 @@ class Statement:
         enumerated = {name: k for k, pack in enumerate(self.bound) for name in pack}
         self.circles, self.since, self.until, self.pace = family.circles, family.since, family.until, family.pace
         self.body = _structure(_parsed(p), self.leaves, delays, enumerated, self.circles)
+        self.divisors = family.divisors
+        self.summands = _divided(self.body, self.divisors)
         if len(delays) > 1:
             raise ValueError("there may be one delay")
         self.delay = next(iter(delays.values()), None)
@@ -312,11 +341,6 @@ class Statement:
                 c = c * point[variable] ** power
             total += fmpq_poly([0] * degree + [c])
         return total
-
-    @property
-    def summands(self) -> tuple[Node, ...]:
-        """P as a sum, of one part at least."""
-        return self.body.parts if self.body.kind == "sum" else (self.body,)
 
     def value(self, leaf: Callable[[str], T], late: T, unknown: T) -> T:
         """P from what each leaf is, exp(-s T) and the unknown."""

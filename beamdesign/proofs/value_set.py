@@ -15,7 +15,8 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import nearest
-from beamdesign.proofs.frames import ARC_PARTS, Balls, Between, Hulls, control_value, flat
+from beamdesign.proofs.balls import ARC_PARTS, Balls, flat
+from beamdesign.proofs.frames import Between, Hulls, control_value
 from beamdesign.proofs.statement import Node, Statement, Term
 
 _TURN = (1.0, 1j, -1.0, -1j)
@@ -144,13 +145,14 @@ def plain_and_whole(statement: Statement, shares: np.ndarray, s: np.ndarray) -> 
 
 
 def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """P with 0 and with 1 for the unknown, (2, B, N).
+    """P over its divisors with 0 and with 1 for the unknown, (2, B, N).
 
     Of members at shares (B, k) of the ranges, at frequencies (B or 1, N).
     """
     s, delay = 1j * w, delays(statement, shares)
     late = np.exp(-s * delay[:, None]) if delay.any() else np.ones((1, 1))
-    found = statement.value(_leaves(statement, shares, s), late, _NONE_AND_ONE)
+    leaf = _leaves(statement, shares, s)
+    found = statement.value(leaf, late, _NONE_AND_ONE) / prod(map(leaf, statement.divisors), start=1.0)
     return np.broadcast_to(found, (2, len(shares), s.shape[1]))
 
 

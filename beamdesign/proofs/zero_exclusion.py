@@ -23,7 +23,8 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import nearest
-from beamdesign.proofs.frames import UP, Between, Cell, Frames
+from beamdesign.proofs.balls import UP
+from beamdesign.proofs.frames import Between, Cell, Frames
 from beamdesign.proofs.statement import Interval, Node, Statement
 
 PRECISION_BITS = 96
