@@ -1,19 +1,21 @@
 """Stability over a box of parameters: against other theory, against sampling, and where short cuts go wrong."""
 
 import re
+from dataclasses import replace
 from itertools import product
 from math import atan, pi, sqrt
 
 import numpy as np
 import pytest
 from flint import acb, arb, ctx, fmpq, fmpq_poly
+from scipy.spatial import Delaunay
 
 from beamdesign import check
 from beamdesign.loop import loop
 from beamdesign.polynomial import even_odd, exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.balls import balls
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import Box, box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
 from beamdesign.proofs.frames import Between, Cell, Frames
 from beamdesign.proofs.stability import stable_ranges
@@ -240,7 +242,77 @@ def test_what_lies_along_an_axis_is_two_points_to_prover_and_check():
     assert check(certify_box(sum_of_all, box_of(dict.fromkeys(names, (0.0, 1.0)))).certificate).valid
 
 
+LAGGING = PolynomialFamily(
+    "a beam behind a lag",
+    "lag*beam + push",
+    dict.fromkeys("vcKk", fmpq(1)),
+    {"lag": "1 + s/v", "beam": "s**2 + c*s + K", "push": "k"},
+    divisors=("lag",),
+)
+
+
+def lagging(share: float) -> Box:
+    """Its ranges, with k up to a share of what Routh's test leaves: c v + c^2 + c K / v, least c (c + 2 sqrt(K))."""
+    most = 0.02 * (0.02 + 2 * sqrt(0.9))
+    return box_of({"v": (0.7, 1.4), "c": (0.02, 0.06), "K": (0.9, 1.1), "k": (0, round(share * most, 7))})
+
+
+def test_a_lag_that_p_is_divided_by_leaves_what_routh_does():
+    """The lag turns the beam, whose stiffness and mass cancel, by more than its damping: ten times the pieces."""
+    within, beyond = lagging(0.98), lagging(1.001)
+    verdict = certify_box(LAGGING, within, budget=100, volumes=False)
+    assert verdict.stable
+    assert check(verdict.certificate).valid
+    assert certify_box(replace(LAGGING, divisors=()), within, budget=400, volumes=False).stable is None
+    assert certify_box(LAGGING, beyond, budget=4000, volumes=False).stable is False
+    # No tree is found where one should not be, the search for unstable members left out.
+    assert certify_box(LAGGING, beyond, budget=4000, volumes=False, searched=True).stable is not True
+
+
+def test_what_is_no_factor_of_one_summand_alone_is_not_divided_by():
+    for p, bound in (("lag*beam + lag*push", ()), ("beam + lag*push + lag", ()), ("lag*beam + push", (("lag",),))):
+        with pytest.raises(ValueError, match="p cannot be divided by lag"):
+            certify_box(replace(LAGGING, p=p, bound=bound), lagging(0.5))
+
+
 # Balls in floats.
+
+
+def test_inverses_of_a_hull_lie_in_the_hull_of_its_inverses():
+    """Means of points within a right angle, by Qhull's hull; exact points within the radius; others are nowhere."""
+    random = np.random.default_rng(7)
+    points = random.uniform(0.5, 2.0, 5) * np.exp(1j * random.uniform(0.3, 0.3 + 0.45 * pi, 5))
+    given = balls([acb(one) for one in points]).shaped((1, -1))
+    found = given.inverted()
+    hull = Delaunay(np.column_stack([found.middle[0].real, found.middle[0].imag]))
+    weights = random.dirichlet(0.5 * np.ones(5), 2000)
+    inverse = 1 / (weights @ points)
+    assert (hull.find_simplex(np.column_stack([inverse.real, inverse.imag]), tol=1e-9) >= 0).all()
+    i, j = np.triu_indices(5)
+    for middle, radius, a, b in zip(found.middle[0], found.radius[0], points[i], points[j], strict=True):
+        (x, y), (u, v) = ([fmpq(*part.as_integer_ratio()) for part in (one.real, one.imag)] for one in (a, b))
+        below = 2 * (x * u + y * v)
+        off = abs(acb(arb((x + u) / below), arb(-(y + v) / below)) - acb(middle))
+        assert off < arb(radius) < 1e-14
+    assert np.isinf(balls([acb(1), acb(0, 1)]).shaped((1, -1)).inverted().radius[0, 1])
+
+
+def test_an_inverse_is_bounded_between_frequencies():
+    """Size and derivatives of 1 / (s^2 + c s + K) on the axis over a cell, against those of its members in floats."""
+    beam = replace(LAGGING, divisors=("beam",))
+    one = beam.over(box_of({"c": (0.5, 0.6), "K": (1.0, 1.2), "v": (1.0, 1.0), "k": (1.0, 1.0)}).ranges)
+    (node,) = (part for part in one.summands[1].parts if part.kind == "inverse")
+    w = [fmpq(9, 10), fmpq(11, 10)]
+    frames = Frames(one, [(Cell(one, {"c": (fmpq(0), fmpq(1)), "K": (fmpq(0), fmpq(1))}), at) for at in w])
+    bounds = frames.growth(Between(np.array([0]), np.array([1]), np.array([0.2**2 / 8 * (1 + 1e-9)])), node)
+    at = np.linspace(0.9, 1.1, 101)
+    largest = np.zeros(3)
+    for c, stiffness in product((0.5, 0.55, 0.6), (1.0, 1.1, 1.2)):
+        f, df, ddf = stiffness - at**2 + 1j * c * at, -2 * at + 1j * c, -2.0
+        values = (1 / f, -df / f**2, 2 * df**2 / f**3 - ddf / f**2)
+        largest = np.maximum(largest, [np.abs(value).max() for value in values])
+    for bound, seen in zip(bounds, largest, strict=True):
+        assert seen <= bound.item() < 10 * seen
 
 
 def test_balls_hold_what_they_stand_for():

@@ -217,6 +217,20 @@ def test_every_line_of_the_tree_counts(certificate: str) -> None:
         assert refused(rewritten(certificate, "tree", old=line, new=f"{-x},{-y}"))
 
 
+def test_what_p_is_divided_by_is_stated_and_checked() -> None:
+    """Lines across the quotient are none across p, nor across another one; what is no factor divides nothing."""
+    leaves = {"lag": "1 + s/v", "beam": "s**2 + c*s + K", "push": "k"}
+    lagging = PolynomialFamily("lag", "lag*beam + push", dict.fromkeys("vcKk", fmpq(1)), leaves, divisors=("lag",))
+    ranges = {"v": (0.7, 1.4), "c": (0.02, 0.06), "K": (0.9, 1.1), "k": (0, 0.035)}
+    text = certify_box(lagging, box_of(ranges)).certificate
+    assert check(text).valid
+    for divisors in (None, ["beam"], ["lag", "lag"], ["push"], ["s"], ["nothing"], [], "lag"):
+        assert refused(rewritten(text, "divisors", to=divisors))
+    assert refused(rewritten(text, "p", to="lag*beam + lag*push"))
+    # A lag that may vanish on the axis divides nothing, whatever the lines say.
+    assert refused(rewritten(text, "leaf", "lag", to="1 + s**2/v"))
+
+
 def test_refutation_is_proved_again_too() -> None:
     verdict = certify_box(CUBIC, box_of({"q": (1, 3)}, {"q": 1}))
     assert verdict.stable is False

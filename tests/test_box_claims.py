@@ -126,6 +126,25 @@ def test_a_member_that_the_climbs_miss_is_found_where_the_proof_does_not_get_on(
     assert found["peak_sensitivity"].item() > 2.0
 
 
+def test_the_uncertain_phase_of_a_slow_valve_costs_no_pieces(rig: Prototype):
+    """Above a valve of 10 Hz its lag turned by 6 degrees all of the two resonances, whose damping is less than that.
+
+    A limit 0.3 % above the worst member that is found was undecided at 30 to 40 Hz, however many pieces were looked at.
+    """
+    slow = rig.but(
+        servovalve=rig.servovalve.but(natural_frequency_Hz=10.0),
+        controller=Lag(gain_A_per_V=0.002, pole_Hz=0.1, zero_Hz=1.0),
+    )
+    box = tolerance_box(slow, 2.0, None, MASSES)
+    (worst, *_) = worst_over_box(slow, box, Asked("peak_compliance", 1e-4))
+    factors = {name: nearest(worst.parameters[name] / box.nominal[name]) for name in CHANGEABLE if name in box.nominal}
+    near = worst.frequency_Hz * np.linspace(0.99, 1.01, 41)
+    mass = nearest(worst.parameters["outer_end_mass"])
+    softest = magnitudes(with_figures(slow, factors), mass, near)["peak_compliance"].max()
+    assert softest == pytest.approx(1e-4 * worst.ratio, rel=1e-3)  # by python-control
+    assert claim_over_box(slow, box, Asked("peak_compliance", 1.003 * softest), 500).holds
+
+
 def test_undecided_is_what_share_of_the_box_and_at_what_frequencies(rig: Prototype):
     """With a delay no member refutes: what is left open holds all that exceed, as a grid by python-control says."""
     box = tolerance_box(rig, 2.0, ["flow_gain"], (2.0, 2.0), delay_s=(0.0, 2e-3))
