@@ -4,7 +4,8 @@ On a piece, frequencies from w1 to w2 and a box Q of parameters, p(jw, q) keeps 
 where it does so at w1 and w2 by more than it can stray from the chord between them, max |p''| (w2 - w1)^2 / 8. At one
 frequency the values lie in the convex hull of control points: every part of p that stands alone contributes its own,
 what stands in several places is enumerated (mapping theorem, Zadeh and Desoer, 1963), and powers of a parameter have
-Bernstein's coefficients, which are values of the polar form (Ramshaw, 1989). Above the last frequency the leading
+Bernstein's coefficients, which are values of the polar form (Ramshaw, 1989). Lags that are factors of one summand of p
+may divide it, where each keeps clear of zero: p vanishes where the quotient does. Above the last frequency the leading
 coefficient outweighs all others, so that none is lost either (Fujiwara, 1916).
 
 The tree of pieces is in prefix order: each cut is followed by its lower and its upper side, so that pieces fill the box

@@ -8,7 +8,12 @@ Stability of the whole box follows from
    Bernstein coefficients where it is not); in between it strays from the chord by at most max |p''| (w2 - w1)^2 / 8;
 3. on every piece [w1, infinity) x Q the leading coefficient outweighs all others, so that no degree is lost either.
 
-Then no root can cross the imaginary axis anywhere in the box. The tree is in prefix order, each cut followed by its
+Then no root can cross the imaginary axis anywhere in the box. In 2 p may be divided by lags that are factors of one of
+its summands, where each keeps clear of zero: whose phase is uncertain, such a lag turns all of that summand, and near a
+resonance, where its parts are large and cancel, by more than is left of them. Over the quotient the lags turn the
+others alone, which are small there. Their inverses lie in the hull of points too (`Balls.inverted`).
+
+The tree is in prefix order, each cut followed by its
 lower and its upper side, so that the pieces fill the box by construction. A variable is cut in the middle of its range,
 or of its reciprocal's where it enters by that. All values are exact rationals, or floats with a bound of
 their error (`beamdesign.proofs.frames`).
