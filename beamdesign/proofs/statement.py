@@ -225,8 +225,9 @@ class PolynomialFamily:
         groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in self.groups]
         more = {"leaf": self.leaves, "delay": self.delays, "group": groups}
         body: Tables = {"p": self.p} | ({"bound": [[*pack] for pack in self.bound]} if self.bound else {})
-        body |= {"divisors": [*self.divisors]} if self.divisors else {}
-        body |= {} if tree is None else {"tree": wrapped(tree)}
+        if tree is not None:
+            body |= {"divisors": [*self.divisors]} if self.divisors else {}
+            body |= {"tree": wrapped(tree)}
         return body | {key: value for key, value in more.items() if value}
 
 
