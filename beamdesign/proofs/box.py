@@ -94,7 +94,7 @@ KIND, OF_NO_RIG = "beamdesign.box", "beamdesign.expression_box"
 _NOTES = {
     "p": "The characteristic polynomial: a sum of products of the leaves below, which are polynomials in s.",
     "bound": "Leaves that stand in several places; p is affine in each pack.",
-    "divisors": "Leaves that p is divided by on every piece with a line: there they are proved to be clear of zero too.",
+    "divisors": "Leaves that p is divided by on every piece with a line: they are proved to be clear of zero there.",
     "tree": "Cuts and leaves in prefix order: NAME halves a variable, w= cuts the frequency (rad/s), X,Y is the\n"
     "# direction across a separating line, inf means that the leading term dominates.",
     "delay": "exp(-s T) by its name in p, and the parameter T.",
