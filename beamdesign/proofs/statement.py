@@ -162,7 +162,8 @@ def _divided(body: Node, divisors: Collection[str]) -> tuple[Node, ...]:
     standing = body.fold(lambda one: Counter([one.name]), add, add)
     for name in divisors:
         factor, inverse = Node("leaf", name, ()), Node("inverse", name, ())
-        if standing[name] != 1 or not any(one.kind == "product" and factor in one.parts for one in summands):
+        having = [one for one in summands if one.kind == "product" and factor in one.parts and len(one.parts) > 1]
+        if standing[name] != 1 or not having:
             raise ValueError(f"p cannot be divided by {name}, which is not a factor of one of its summands alone")
         summands = tuple(
             one._replace(parts=tuple(part for part in one.parts if part != factor))
