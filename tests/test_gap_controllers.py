@@ -32,7 +32,7 @@ from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.nominal import CHANNELS, commanded_current, controller_fit, nominal_loop
-from beamdesign.diagnosis.experiment import menu
+from beamdesign.diagnosis.experiment_menu import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis

@@ -13,12 +13,12 @@ from beamdesign.diagnosis.experiment import (
     _grown,
     _jobs,
     _joined,
+    _repeats,
     _without_retuning,
     distance,
-    information,
-    menu,
     next_experiment,
 )
+from beamdesign.diagnosis.experiment_menu import information, menu
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import together
@@ -108,7 +108,8 @@ def foreseen(*separations: float) -> list[_Foreseen]:
     for k, one in enumerate(separations):
         plan = Scenario(name="next", duration_s=1.0, sample_s=1e-3, record=(row,))
         values = [np.zeros(1), np.array([one])]
-        found.append(_Foreseen(Experiment((f"record {k}",), plan), values, [np.zeros((1, 0))] * 2))
+        free, beyond = [np.zeros((1, 0))] * 2, [np.zeros((1, 1))] * 2
+        found.append(_Foreseen(Experiment((f"record {k}",), plan), values, free, beyond, 1e9))
     return found
 
 
@@ -129,6 +130,32 @@ def test_figures_are_retuned_to_all_records_at_once():
     free = [np.full((1, 1), 2.0), np.full((1, 1), 2.0)]
     both = _joined([first._replace(free=free), second._replace(free=free)])
     assert both.between[0, 1] == pytest.approx(np.sqrt(9.0 - 36.0 / 9.0))
+
+
+@pytest.mark.parametrize(("off", "left"), [(0.0, 9.0), (1.0, 4.0 - 1.0), (1.5, 0.0), (200.0, 0.0)])
+def test_what_the_right_rival_leaves_separates_it_from_none(off: float, left: float):
+    """Motions 3 apart, off by as much more than derivatives say: the right rival leaves off^2, the other (3 - off)^2.
+
+    As much as noise leaves is taken for something unknown with 1 / (1 + 2.5^4), twice that with 1 / (1 + 1.25^4).
+    """
+    (one,) = foreseen(3.0)
+    found = _joined([one._replace(beyond=[np.array([[off], [-off]])] * 2, noise=off**2 or 1.0)])
+    known = (1 - 1 / (1 + 1.25**4)) / (1 - 1 / (1 + 2.5**4)) if off else 1.0
+    assert found.between[0, 1] ** 2 == pytest.approx(left * known, abs=1e-12)
+
+
+def test_a_loop_that_rings_on_is_not_predicted_by_figures_that_are_known_by_half(slow):
+    """Of hardly any damping a standard deviation leaves none, or twice as much; a hundredth of it hardly matters."""
+    rival = fitted(RIVAL, slow)
+    one = next(one for one in menu(slow) if one.scenario.record[0].input[0].kind == "load_steps")
+    (job,), placement = _jobs(slow.prototype, one.scenario), rival.hypothesis.placement(slow.prototype)
+    step = np.array([unknown.name == "flow_gain" for unknown in placement.unknowns], dtype=float)
+    edge = brentq(lambda by: 2.0 * job.grows(placement, rival.z + by * step) - 1, 0.0, 40.0, xtol=1e-3)
+    ringing = replace(rival, z=rival.z + (edge - 0.02) * step)
+    sharp = tuple(replace(share, a=1e4 * (share.a + np.eye(len(step)))) for share in ringing.shares)
+    assert _repeats(slow, one, rival)
+    assert not _repeats(slow, one, ringing)
+    assert _repeats(slow, one, replace(ringing, shares=sharp))
 
 
 def test_no_record_is_proposed_of_which_rivals_disagree_whether_the_loop_is_stable(slow):

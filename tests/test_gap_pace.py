@@ -11,7 +11,7 @@ from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.examination.plausibility import examine
-from beamdesign.diagnosis.experiment import menu
+from beamdesign.diagnosis.experiment_menu import menu
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING

@@ -34,7 +34,7 @@ from beamdesign.columns import csv_text, read_columns
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index
-from beamdesign.diagnosis.experiment import menu
+from beamdesign.diagnosis.experiment_menu import menu
 from beamdesign.proofs.writer import certificate
 from beamdesign.records import Longest, Record, parse
 from beamdesign.report.canvas import inline_svg

@@ -5,159 +5,37 @@ data so far leave open; what then remains of the difference, in units of misfit,
 much the cost of the wrong one will rise over that of the right one. Of all separations, and of how probable each rival
 is, follows how much an experiment is expected to tell about which of them it is.
 
+That holds where predictions follow figures by their derivatives. In a loop deep in saturation, or of little damping,
+they do not: figures that differ by less than is known give motions with nothing in common, and a fit of the right rival
+finds its way as little as that of the wrong one. So each rival is also simulated with figures drawn within what the
+data leave open. What derivatives do not say of those motions the right rival will leave as well: that is taken off what
+separates it from the others, and where it is much, what is separated will be taken for something that is not listed.
+
 An experiment is a record or a few, one after another, as many as tell most of what is open: a fit counts every record
 alike, so that a longer one tells no more than two short ones tell. They stay within about what the rig's records have
 already asked of it.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from dataclasses import replace
+from itertools import islice, permutations
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.data.dataset_index import OFF
-from beamdesign.diagnosis.data.input_noise import denoised
-from beamdesign.diagnosis.diagnosis import NextExperiment, controller_text
+from beamdesign.diagnosis.diagnosis import NextExperiment
+from beamdesign.diagnosis.experiment_menu import Experiment, information, menu
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import HIGHEST_HZ, LOWEST_HZ, weighting
-from beamdesign.plant.assembly import RIGS, pace, widened
+from beamdesign.diagnosis.judgement import unknown_by
+from beamdesign.plant.assembly import RIGS, widened
 from beamdesign.prototype import Prototype
-from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
-from beamdesign.spelling import shorter
-from beamdesign.structure.lumped import figures
+from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.time_limit import while_time
-
-DURATION_S, SAMPLE_S, _SLOW_HZ = 4.0, 0.5e-3, 0.5
-_BANDS_HZ = ((1.0, 20.0), (1.0, 80.0), (30.0, 200.0), (100.0, 400.0))
-"""The last for what differs in the order of its phase only, such as a lag and a delay.
-
-All of these are for a rig as quick as the published one; of a quicker or slower one frequencies are so much higher or
-lower, and records so much shorter or longer.
-"""
-_SHARES = (0.1, 1.0, 2.0)
-"""Of the largest peak of an input recorded so far."""
-_PAYLOADS = (0.5, 1.5)
-"""Of the largest payload so far."""
-_ANOTHER_PAYLOAD = 1.3  # effort
-_NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """Something that could be measured.
-
-    Attributes:
-        texts: each record in words.
-        scenario: which simulates or prescribes them.
-        effort: against an experiment on the rig as it stands.
-        added: channel of an added sensor; empty for none.
-        between: (R, R) by how much it separates rivals, units of misfit (square root), the lesser of both cases; empty
-            where that is not worked out.
-    """
-
-    texts: tuple[str, ...]
-    scenario: Scenario
-    effort: float = 1.0
-    added: str = ""
-    between: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        if len(self.texts) == 1:
-            return self.texts[0]
-        numbered = (f"({k}) {one}" for k, one in enumerate(self.texts, start=1))
-        return f"{len(self.texts)} records of {self.scenario.duration_s:g} s: {'; '.join(numbered)}"
-
-    @property
-    def least(self) -> float:
-        """Between the first rival and the one closest to it."""
-        return float(self.between[0, 1:].min())
-
-    def worth(self, weights: Sequence[float]) -> tuple[float, float]:
-        """By which experiments are compared: information for the effort, then the least separation.
-
-        Where several tell all but a hundredth of a bit, the one counts that leaves most room for what no rival is
-        quite.
-        """
-        return round(information(self.between, weights) / self.effort, 2), self.least / self.effort
-
-
-def menu(data: Dataset) -> Iterator[Experiment]:
-    """All records: each signal at each setting of controller and masses, and at payloads not yet measured."""
-    name = f"{shorter(data.prototype.name)}: next experiment"
-    stated, quick = data.prototype.outer_end_mass_kg or ANY_PAYLOAD, pace(figures(data.prototype))
-    for record, outer, inner, effort in _settings(data):
-        law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
-        beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
-        for signal, words in _signals(data, quick, commanded=law != OFF):
-            acting = f"servo off, {inner:.3g} kg inside" if law == OFF else controller_text(law, inner)
-            text = f"{words}, {payload}{beyond}, {acting}"
-            row = ScenarioRecord(
-                name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
-            )
-            length, step = DURATION_S / quick, SAMPLE_S / quick
-            plan = Scenario(name=name, duration_s=length, sample_s=step, start="rest", record=(row,))
-            yield Experiment((text,), plan, effort)
-
-
-def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
-    """Record whose controller is used, payload, inner end mass, effort."""
-    seen: dict[object, TimeRecord] = {}
-    for r in data.records:
-        seen.setdefault((r.controller, r.masses), r)
-    found = [(r, *r.masses, 1.0) for r in seen.values()]
-    heaviest = max(data.records, key=lambda r: r.outer_end_mass)
-    laws = () if data.prototype.controller is None else data.prototype.controller.laws
-    ranges = [masses for law, masses in laws if law == heaviest.controller] or [ANY_PAYLOAD]
-    if heaviest.outer_end_mass > 0:
-        for share in _PAYLOADS:
-            outer = round(share * heaviest.outer_end_mass, 2)
-            if any(low <= outer <= high for low, high in ranges):
-                found.append((heaviest, outer, heaviest.inner_end_mass, _ANOTHER_PAYLOAD))
-    return found
-
-
-def _signals(data: Dataset, quick: float, commanded: bool) -> Iterator[tuple[Input, str]]:
-    channels = ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip"))
-    for column, key, unit, words in channels[0 if commanded else 1 :]:
-        largest = max(_peak(r, column) for r in data.records)
-        if largest <= 0:
-            continue
-        for share in _SHARES:
-            peak = float(f"{share * largest:.2g}")
-            size: dict[str, Any] = {key: peak}
-            for low, high in _BANDS_HZ:
-                tones = _at_pace(Multisine(low_Hz=low, high_Hz=high, **size), quick)
-                text = f"{words}: many lines from {quick * low:g} to {quick * high:g} Hz with a peak of {peak:g} {unit}"
-                yield tones, text
-            sine = _at_pace(Sine(frequency_Hz=_SLOW_HZ, fade_s=0.2, **size), quick)
-            yield sine, f"{words}: slow sine, {quick * _SLOW_HZ:g} Hz, {peak:g} {unit}"
-            if column == 0:
-                steps = _at_pace(LoadSteps(rise_s=0.03, **size), quick)
-                yield steps, f"{words}: load steps of {peak:g} {unit}, both ways"
-
-
-def _at_pace(signal: Input, pace: float) -> Input:
-    """The same so many times as quick."""
-    given = signal.model_dump(exclude_none=True)
-    quicker = {name: value * pace for name, value in given.items() if name.endswith("_Hz")}
-    return signal.but(**quicker, **{name: value / pace for name, value in given.items() if name.endswith("_s")})
-
-
-def _peak(record: TimeRecord, column: int) -> float:
-    """Largest value of an input; 0 where it is the noise of its sensor."""
-    signal = record.inputs[:, column]
-    still = denoised(signal)[0] if column else record.denoised[0]
-    return float(np.abs(signal).max()) if np.std(still) > _NOISE * np.std(signal) else 0.0
-
 
 _RIVALS = 4
 _CLOSER_LOOK = 8
@@ -168,26 +46,13 @@ _ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
 _SENSOR_NOISE = 0.003  # of the rms of a channel that no record holds yet
 _LEAST = 1e-9
+_DRAWS = 2  # of a rival's figures, each to both sides
 ADDED = {
     "load_pressure_Pa": "load pressure",
     "screw_force_N": "force of the screw",
     "inner_displacement_m": "displacement of the inner beam",
 }
 """Channels that a sensor could be added for."""
-
-
-def information(between: np.ndarray, weights: Sequence[float]) -> float:
-    """Least expected information about which rival it is, bits.
-
-    That of a mixture of Gaussians of one covariance, by their Bhattacharyya distances d^2 / 8: A. Kolchinsky and B. D.
-    Tracey, Entropy 19 (2017) 361, equation (10).
-
-    Args:
-        between: (R, R) separations in standard deviations.
-        weights: (R,) probabilities, up to a factor.
-    """
-    p = np.asarray(weights) / np.sum(weights)
-    return float(-p @ np.log2(np.exp(-(between**2) / 8) @ p))
 
 
 def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> NextExperiment | None:
@@ -248,14 +113,15 @@ def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dic
 def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
     """With the channels recorded so far and with one more each, best first.
 
-    Records that promise most are looked at with re-tuning. To the best of them others are added, as long as that tells
-    more and they do not tell nearly all.
+    Of the records that can be predicted those which promise most are looked at with re-tuning. To the best of them
+    others are added, as long as that tells more and they do not tell nearly all.
     """
     looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), lambda _: _NEXT))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
-    for _, one in while_time(quick[:_CLOSER_LOOK], lambda _: _NEXT):
+    steady = (one for _, one in quick if _repeats(data, one, rivals[0]))
+    for one in while_time(islice(steady, _CLOSER_LOOK), lambda _: _NEXT):
         for found in _closely(data, one, rivals):
             seen.setdefault(found.experiment.added, []).append(found)
     grown = (_grown(records, weights) for records in seen.values())
@@ -263,11 +129,21 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
 
 
 class _Foreseen(NamedTuple):
-    """One record as every rival predicts it, weighed by its noise, and what each may still re-tune of that."""
+    """One record as every rival predicts it, weighed by its noise, and what each may still re-tune of that.
+
+    Attributes:
+        experiment: the record alone.
+        values: (M,) of each rival, with its fitted figures.
+        free: (M, K) of each, change of it per standard deviation of what may be re-tuned.
+        beyond: (D, M) of each, with figures drawn within what the data leave open, what is more than that change.
+        noise: misfit that noise alone leaves.
+    """
 
     experiment: Experiment
     values: list[np.ndarray]
     free: list[np.ndarray]
+    beyond: list[np.ndarray]
+    noise: float
 
 
 def _grown(records: Sequence[_Foreseen], weights: Sequence[float]) -> Experiment:
@@ -293,10 +169,12 @@ def _joined(records: Sequence[_Foreseen]) -> Experiment:
     first, rivals = records[0].experiment, range(len(records[0].values))
     values = [np.concatenate([one.values[k] for one in records]) for k in rivals]
     free = [np.concatenate([one.free[k] for one in records]) for k in rivals]
-    between = np.full((len(values), len(values)), inf)
-    np.fill_diagonal(between, 0.0)
-    for i, j in combinations(rivals, 2):
-        between[i, j] = between[j, i] = min(distance(values[i] - values[j], free[k]) for k in (i, j))
+    beyond = [np.hstack([one.beyond[k] for one in records]) for k in rivals]
+    noise, risen = sum(one.noise for one in records), np.zeros((len(values), len(values)))
+    for true, wrong in permutations(rivals, 2):
+        drawn = [(values[true] - values[wrong] + more, distance(more, free[true]) ** 2) for more in beyond[true]]
+        risen[true, wrong] = min(_known(own, noise) * (distance(d, free[wrong]) ** 2 - own) for d, own in drawn)
+    between = np.sqrt(np.maximum(np.minimum(risen, risen.T), 0.0))
     rows = tuple(
         one.experiment.scenario.record[0].but(name="next" if k == 1 else f"next_{k}")
         for k, one in enumerate(records, start=1)
@@ -304,6 +182,11 @@ def _joined(records: Sequence[_Foreseen]) -> Experiment:
     texts = tuple(text for one in records for text in one.experiment.texts)
     effort = max(one.experiment.effort for one in records)
     return replace(first, texts=texts, scenario=first.scenario.but(record=rows), effort=effort, between=between)
+
+
+def _known(left: float, noise: float) -> float:
+    """Probability that what the right rival leaves beyond noise is not called unknown, over that where that is none."""
+    return (1 - unknown_by(noise + left, noise)) / (1 - unknown_by(noise, noise))
 
 
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
@@ -329,6 +212,21 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 
+def _repeats(data: Dataset, experiment: Experiment, rival: Fit) -> bool:
+    """Whether figures within what the data leave open move a record by their derivatives, but for what noise does.
+
+    Of a straight line the value half way between two draws to either side of a fit is that of the fit.
+    """
+    channels, (job,) = _channels(data), _jobs(data.prototype, experiment.scenario)
+    predicted = job.simulated(rival.hypothesis.placement(data.prototype), rival.z, channels)
+    if predicted is None:
+        return False
+    weight = weighting(_as_record(data, job, predicted, channels), channels, _band_Hz(data))
+    (_, one), (_, other) = _drawn(data, job, rival, channels)[:2]
+    off = weight((one + other) / 2 - predicted)
+    return float(off @ off) < weight.expected
+
+
 def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[_Foreseen]:
     """With what the rivals may still re-tune: with the channels recorded so far, and one more."""
     recorded = _channels(data)
@@ -340,14 +238,37 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
         if found is None:
             return
         made.append(found)
-    covariances = [np.linalg.cholesky(fit.covariance + _LEAST * np.eye(len(fit.z))) for fit in rivals]
+    drawn = [_drawn(data, job, fit, every) for fit in rivals]
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
         weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels, _band_Hz(data))
-        free = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
+        free = [weight(dy[:, at]) @ _root(fit) for (_, dy), fit in zip(made, rivals, strict=True)]
+        beyond = [
+            np.array([weight((y - of)[:, at] - dy[:, at] @ move) for move, y in moved])
+            for (of, dy), moved in zip(made, drawn, strict=True)
+        ]
         effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
-        yield _Foreseen(replace(experiment, effort=effort, added=added), [weight(y[:, at]) for y, _ in made], free)
+        one, values = replace(experiment, effort=effort, added=added), [weight(y[:, at]) for y, _ in made]
+        yield _Foreseen(one, values, free, beyond, weight.expected)
+
+
+def _root(fit: Fit) -> np.ndarray:
+    """(K, K) moves of z by one standard deviation each."""
+    return np.asarray(np.linalg.cholesky(fit.covariance + _LEAST * np.eye(len(fit.z))))
+
+
+def _drawn(data: Dataset, job: Replay, fit: Fit, channels: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Moves of z within what the data leave open, each to both sides, and (N, C) what is predicted there."""
+    placement = fit.hypothesis.placement(data.prototype)
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
+    found = []
+    for move in np.random.default_rng(0).standard_normal((_DRAWS, len(fit.z))) @ _root(fit).T:
+        for z in (np.clip(fit.z + side * move, low, high) for side in (1, -1)):
+            predicted = job.simulated(placement, z, channels)
+            diverged = np.full((len(job.record.times), len(channels)), _HUGE)
+            found.append((z - fit.z, diverged if predicted is None else predicted))
+    return found
 
 
 def distance(difference: np.ndarray, free: np.ndarray) -> float:

@@ -15,7 +15,8 @@ from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.diagnosis import NextExperiment
-from beamdesign.diagnosis.experiment import distance, information
+from beamdesign.diagnosis.experiment import distance
+from beamdesign.diagnosis.experiment_menu import information
 from beamdesign.diagnosis.fitting.evidence import Figure
 from beamdesign.diagnosis.fitting.fit import Fit, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence

@@ -307,10 +307,14 @@ def _size(found: Fit, rest: Fit, of: Search) -> float:
 
 def _unknown(found: Search, best: Fit) -> float:
     """Probability of an unknown cause: the best known one leaves much in units of misfit, and much of the gap."""
-    misfit = max(best.misfit, 1e-9 * found.expected)  # a figure that was copied from the model is off by nothing
-    much = 1 / (1 + (THRESHOLDS.much * found.expected / misfit) ** THRESHOLDS.steep)
     left = max(found.excess(best), 1e-6)
-    return much / (1 + (THRESHOLDS.not_explained / left) ** THRESHOLDS.steep)
+    return unknown_by(best.misfit, found.expected) / (1 + (THRESHOLDS.not_explained / left) ** THRESHOLDS.steep)
+
+
+def unknown_by(misfit: float, noise: float) -> float:
+    """Probability that something unknown leaves a misfit, by how much more that is than noise leaves."""
+    misfit = max(misfit, 1e-9 * noise)  # a figure that was copied from the model is off by nothing
+    return 1 / (1 + (THRESHOLDS.much * noise / misfit) ** THRESHOLDS.steep)
 
 
 LEAST_PROBABILITY = 0.01

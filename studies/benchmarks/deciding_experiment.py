@@ -25,7 +25,7 @@ from opened_cases import OpenedCase, check_of, diagnosed, opened_case, opened_ke
 
 from beamdesign import InputError, diagnose, read_dataset
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.experiment import Experiment, menu
+from beamdesign.diagnosis.experiment_menu import Experiment, menu
 from beamdesign.records import parse
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.validation.bounds import clopper_pearson
