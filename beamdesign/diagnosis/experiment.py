@@ -38,7 +38,7 @@ from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.time_limit import while_time
 
 _RIVALS = 4
-_CLOSER_LOOK = 8
+_PROMISING, _CLOSER_LOOK = 40, 8
 _NEXT = "what to measure next"  # is left out where the time is up
 _RECORDS, _ENOUGH = 4, 0.95  # of one experiment, and what they need not tell more than, of what is open
 _LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
@@ -113,15 +113,17 @@ def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dic
 def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
     """With the channels recorded so far and with one more each, best first.
 
-    Of the records that can be predicted those which promise most are looked at with re-tuning. To the best of them
-    others are added, as long as that tells more and they do not tell nearly all.
+    Of the records that promise most, those that can be predicted are looked at with re-tuning; where none can, as with
+    a joint that hammers, the first of all. To the best of them others are added, as long as that tells more and they do
+    not tell nearly all.
     """
     looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), lambda _: _NEXT))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
-    steady = (one for _, one in quick if _repeats(data, one, rivals[0]))
-    for one in while_time(islice(steady, _CLOSER_LOOK), lambda _: _NEXT):
+    promising = [one for _, one in quick[:_PROMISING]]
+    steady = (one for one in while_time(promising, lambda _: _NEXT) if _repeats(data, one, rivals[0]))
+    for one in while_time([*islice(steady, _CLOSER_LOOK)] or promising[:_CLOSER_LOOK], lambda _: _NEXT):
         for found in _closely(data, one, rivals):
             seen.setdefault(found.experiment.added, []).append(found)
     grown = (_grown(records, weights) for records in seen.values())
