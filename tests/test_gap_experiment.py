@@ -20,7 +20,7 @@ from beamdesign.diagnosis.experiment import (
 )
 from beamdesign.diagnosis.experiment_menu import information, menu
 from beamdesign.diagnosis.fitting.evidence import evidence_of
-from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.records import parse
@@ -122,6 +122,22 @@ def test_records_are_added_until_they_tell_nearly_all():
     assert found.text.startswith("3 records of 1 s: (1) record 1; (2) record 2;")
     assert _grown(foreseen(9.0, 9.0), (0.5, 0.5)).texts == ("record 0",)
     assert len(_grown(foreseen(*[0.8] * 6), (0.5, 0.5)).texts) == 4
+
+
+@pytest.mark.parametrize(("apart", "unclear"), [(9.0, False), (1.0, True)])
+def test_a_cause_beside_one_of_two_that_are_told_apart_leaves_nothing_unclear(slow, monkeypatch, apart, unclear):
+    """It may always be nothing, so that no record separates it from the one alone; but it is no rival to speak of."""
+    between = np.array([[0.0, apart, 0.0], [apart, 0.0, apart], [0.0, apart, 0.0]])
+    best = replace(foreseen(1.0)[0].experiment, between=between)
+    row = best.scenario.record[0].but(
+        controller=slow.records[0].controller, outer_end_mass_kg=0.0, inner_end_mass_kg=0.0
+    )
+    best = replace(best, scenario=best.scenario.but(record=(row,)))
+    monkeypatch.setattr("beamdesign.diagnosis.experiment.experiments", lambda *_: [best])
+    monkeypatch.setattr("beamdesign.diagnosis.experiment._series", lambda *_: {})
+    rivals = [Fit(together(TRUTH)), Fit(together(RIVAL)), Fit(together(TRUTH, "seal_friction"))]
+    found = next_experiment(slow, rivals, (0.7, 0.3, 0.0))
+    assert ("none of the experiments tried separates them clearly" in found.text) is unclear
 
 
 def test_figures_are_retuned_to_all_records_at_once():
