@@ -224,7 +224,7 @@ def _repeats(data: Dataset, experiment: Experiment, rival: Fit) -> bool:
     if predicted is None:
         return False
     weight = weighting(_as_record(data, job, predicted, channels), channels, _band_Hz(data))
-    (_, one), (_, other) = _drawn(data, job, rival, channels)[:2]
+    (_, one), (_, other) = islice(_drawn(data, job, rival, channels), 2)
     off = weight((one + other) / 2 - predicted)
     return float(off @ off) < weight.expected
 
@@ -240,7 +240,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
         if found is None:
             return
         made.append(found)
-    drawn = [_drawn(data, job, fit, every) for fit in rivals]
+    drawn = [[*_drawn(data, job, fit, every)] for fit in rivals]
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
@@ -260,17 +260,16 @@ def _root(fit: Fit) -> np.ndarray:
     return np.asarray(np.linalg.cholesky(fit.covariance + _LEAST * np.eye(len(fit.z))))
 
 
-def _drawn(data: Dataset, job: Replay, fit: Fit, channels: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Moves of z within what the data leave open, each to both sides, and (N, C) what is predicted there."""
+def _drawn(data: Dataset, job: Replay, fit: Fit, channels: tuple[str, ...]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Moves of z within what the data leave open, each to both sides alike, and (N, C) what is predicted there."""
     placement = fit.hypothesis.placement(data.prototype)
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
-    found = []
-    for move in np.random.default_rng(0).standard_normal((_DRAWS, len(fit.z))) @ _root(fit).T:
-        for z in (np.clip(fit.z + side * move, low, high) for side in (1, -1)):
-            predicted = job.simulated(placement, z, channels)
+    room = np.minimum(high - fit.z, fit.z - low)  # a figure at its bound stays there
+    for drawn in np.random.default_rng(0).standard_normal((_DRAWS, len(fit.z))) @ _root(fit).T:
+        for move in (side * np.clip(drawn, -room, room) for side in (1, -1)):
+            predicted = job.simulated(placement, fit.z + move, channels)
             diverged = np.full((len(job.record.times), len(channels)), _HUGE)
-            found.append((z - fit.z, diverged if predicted is None else predicted))
-    return found
+            yield move, diverged if predicted is None else predicted
 
 
 def distance(difference: np.ndarray, free: np.ndarray) -> float:
