@@ -101,6 +101,23 @@ def test_a_record_to_take_is_told_with_its_loop_and_what_is_beyond_the_rig(slow)
         assert ("more than the 5 kg that the prototype is stated for" in one.text) is (outer > 5.0)
 
 
+def test_beyond_what_was_recorded_an_experiment_has_to_tell_more(slow):
+    """Of two of the same that tell alike, the one within the largest input so far: there the rig is known."""
+    largest = {"amplitude_V": 1, "amplitude_N": 0}
+    seen = {key: max(np.abs(r.inputs[:, column]).max() for r in slow.records) for key, column in largest.items()}
+    efforts: dict[tuple[object, ...], dict[bool, set[float]]] = {}
+    for one in menu(slow):
+        (row,) = one.scenario.record
+        given = row.input[0].model_dump(exclude_none=True)
+        (key,) = (name for name in largest if name in given)
+        alike = key, row.controller.model_dump_json(), row.outer_end_mass_kg, row.inner_end_mass_kg
+        beyond = given[key] > 1.1 * seen[key]  # a peak has two digits
+        efforts.setdefault(alike, {}).setdefault(beyond, set()).add(one.effort)
+    for one in efforts.values():
+        assert {*one} == {False, True}
+        assert max(one[False]) < min(one[True])
+
+
 def foreseen(*separations: float) -> list[_Foreseen]:
     """Records by which two rivals differ by so many units each, with nothing to re-tune."""
     row = ScenarioRecord(name="next", input=(Sine(amplitude_V=0.1, frequency_Hz=1.0),))

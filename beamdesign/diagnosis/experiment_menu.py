@@ -31,6 +31,7 @@ _SHARES = (0.1, 1.0, 2.0)
 _PAYLOADS = (0.5, 1.5)
 """Of the largest payload so far."""
 _ANOTHER_PAYLOAD = 1.3  # effort
+_LOUDER = 1.3  # effort beyond the largest peak so far: a rig may do there what no record has shown, and no rival has
 _NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
 
 
@@ -96,7 +97,7 @@ def menu(data: Dataset) -> Iterator[Experiment]:
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
-        for signal, words in _signals(data, quick, commanded=law != OFF):
+        for signal, words, louder in _signals(data, quick, commanded=law != OFF):
             acting = f"servo off, {inner:.3g} kg inside" if law == OFF else controller_text(law, inner)
             text = f"{words}, {payload}{beyond}, {acting}"
             row = ScenarioRecord(
@@ -104,7 +105,7 @@ def menu(data: Dataset) -> Iterator[Experiment]:
             )
             length, step = DURATION_S / quick, SAMPLE_S / quick
             plan = Scenario(name=name, duration_s=length, sample_s=step, start="rest", record=(row,))
-            yield Experiment((text,), plan, effort)
+            yield Experiment((text,), plan, effort * louder)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -124,7 +125,7 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     return found
 
 
-def _signals(data: Dataset, quick: float, commanded: bool) -> Iterator[tuple[Input, str]]:
+def _signals(data: Dataset, quick: float, commanded: bool) -> Iterator[tuple[Input, str, float]]:
     channels = ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip"))
     for column, key, unit, words in channels[0 if commanded else 1 :]:
         largest = max(_peak(r, column) for r in data.records)
@@ -133,15 +134,16 @@ def _signals(data: Dataset, quick: float, commanded: bool) -> Iterator[tuple[Inp
         for share in _SHARES:
             peak = float(f"{share * largest:.2g}")
             size: dict[str, Any] = {key: peak}
+            effort = _LOUDER if share > 1 else 1.0
             for low, high in _BANDS_HZ:
                 tones = _at_pace(Multisine(low_Hz=low, high_Hz=high, **size), quick)
                 text = f"{words}: many lines from {quick * low:g} to {quick * high:g} Hz with a peak of {peak:g} {unit}"
-                yield tones, text
+                yield tones, text, effort
             sine = _at_pace(Sine(frequency_Hz=_SLOW_HZ, fade_s=0.2, **size), quick)
-            yield sine, f"{words}: slow sine, {quick * _SLOW_HZ:g} Hz, {peak:g} {unit}"
+            yield sine, f"{words}: slow sine, {quick * _SLOW_HZ:g} Hz, {peak:g} {unit}", effort
             if column == 0:
                 steps = _at_pace(LoadSteps(rise_s=0.03, **size), quick)
-                yield steps, f"{words}: load steps of {peak:g} {unit}, both ways"
+                yield steps, f"{words}: load steps of {peak:g} {unit}, both ways", effort
 
 
 def _at_pace(signal: Input, pace: float) -> Input:
