@@ -17,11 +17,13 @@ from beamdesign.diagnosis.experiment import (
     _without_retuning,
     distance,
     next_experiment,
+    reached,
 )
 from beamdesign.diagnosis.experiment_menu import information, menu
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import together
+from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.records import parse
 from beamdesign.scenario import Measurement, Scenario, ScenarioRecord, Sine
@@ -116,6 +118,22 @@ def test_beyond_what_was_recorded_an_experiment_has_to_tell_more(slow):
     for one in efforts.values():
         assert {*one} == {False, True}
         assert max(one[False]) < min(one[True])
+
+
+def test_no_record_is_proposed_that_asks_for_more_pressure_than_any_so_far(slow):
+    """A mode that rings makes more of it than of displacement: a model without a supply finds tens of megapascals."""
+    rivals = [fitted(TRUTH, slow), fitted(RIVAL, slow)]
+    most, placement = reached(slow, rivals[0]), rivals[0].hypothesis.placement(slow.prototype)
+    runs = [Replay(record, slow.prototype) for record in slow.records]
+    pressures = [run.simulated(placement, rivals[0].z, ("load_pressure_Pa",)) for run in runs]
+    assert most[0] == max(np.abs(pressure).max() for pressure in pressures)
+    one = next(one for one in menu(slow) if one.effort > 1.0 and _without_retuning(slow, one, rivals) is not None)
+    (job,) = _jobs(slow.prototype, one.scenario)
+    own = np.abs(job.simulated(placement, rivals[0].z, ("load_pressure_Pa",))).max()
+    bounds = np.full(len(most), np.inf)
+    for share, proposed in ((1.01, True), (0.99, False)):
+        bounds[0] = share * own
+        assert (_without_retuning(slow, one, rivals, bounds) is not None) is proposed
 
 
 def foreseen(*separations: float) -> list[_Foreseen]:

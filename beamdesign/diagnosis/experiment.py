@@ -44,6 +44,7 @@ _RECORDS, _ENOUGH = 4, 0.95  # of one experiment, and what they need not tell mo
 _LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
 _ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
+_INSIDE = 1.5  # times the largest pressure or force so far: beyond, a supply or a motor may have no more to give
 _SENSOR_NOISE = 0.003  # of the rms of a channel that no record holds yet
 _LEAST = 1e-9
 _DRAWS = 2  # of a rival's figures, each to both sides
@@ -117,7 +118,8 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     a joint that hammers, the first of all. To the best of them others are added, as long as that tells more and they do
     not tell nearly all.
     """
-    looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), lambda _: _NEXT))
+    most = _INSIDE * reached(data, rivals[0])
+    looks = ((_without_retuning(data, one, rivals, most), one) for one in while_time(menu(data), lambda _: _NEXT))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
@@ -191,12 +193,27 @@ def _known(left: float, noise: float) -> float:
     return (1 - unknown_by(noise + left, noise)) / (1 - unknown_by(noise, noise))
 
 
-def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
+def reached(data: Dataset, rival: Fit) -> np.ndarray:
+    """(W,) largest of all that no record need hold, see `ADDED`, in the records so far, as a rival predicts them."""
+    placement = rival.hypothesis.placement(data.prototype)
+    watched = _watched(data)
+    made = (Replay(record, data.prototype).simulated(placement, rival.z, watched) for record in data.records)
+    peaks = [np.abs(y).max(axis=0) for y in made if y is not None]
+    return np.max(peaks, axis=0) if peaks else np.full(len(watched), inf)
+
+
+def _watched(data: Dataset) -> tuple[str, ...]:
+    return tuple(channel for channel in ADDED if channel in RIGS[data.prototype.rig].outputs)
+
+
+def _without_retuning(
+    data: Dataset, experiment: Experiment, rivals: Sequence[Fit], most: np.ndarray | float = inf
+) -> np.ndarray | None:
     """(R, R) differences of rivals with nothing re-tuned; None where one, or the prototype itself, does not predict it.
 
     A record that the prototype does not predict could not be diagnosed: fits begin there. Nor is one proposed of which
     rivals disagree whether the loop is stable: it would separate them by how little damping is left, which anything
-    that none of them has changes as much.
+    that none of them has changes as much. Nor one in which the first of them reaches more than `most` of `_watched`.
     """
     channels, nothing = _channels(data), NOTHING.placement(data.prototype)
     (job,), column = _jobs(data.prototype, experiment.scenario), channels.index("displacement_m")
@@ -204,10 +221,13 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     asked += [(fit.hypothesis.placement(data.prototype), fit.z) for fit in rivals]
     if len({job.grows(placement, z) for placement, z in asked[1:]}) > 1:
         return None
-    made = [job.simulated(placement, z, channels) for placement, z in asked]
-    predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
-    reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
-    if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
+    count, every = len(channels), (*channels, *_watched(data))
+    made = [job.simulated(placement, z, every) for placement, z in asked]
+    predicted = [y[:, :count] for y in made if y is not None and np.all(np.isfinite(y))]
+    furthest = _FURTHEST * max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
+    if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > furthest for y in predicted):
+        return None
+    if made[1] is None or np.any(np.abs(made[1][:, count:]).max(axis=0) > most):
         return None
     weight = weighting(_as_record(data, job, predicted[1], channels), channels, _band_Hz(data))
     weighed = np.array([weight(y) for y in predicted[1:]])
