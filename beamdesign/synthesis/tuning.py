@@ -211,7 +211,8 @@ def tune(
 
 def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, report: Progress) -> Tuning:
     """Tune one law over a range of payloads (kg); arguments and errors as of `tune`."""
-    kind, own, inner = asked.kind, prototype.controller, prototype.payload.inner_end_mass_kg
+    kind, own = asked.kind, prototype.controller
+    inner = float(np.clip(prototype.payload.inner_end_mass_kg, *asked.inner_kg))
     stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
     members = served(prototype.but(controller=None), (asked.stable_kg or masses_kg)[1], stage)  # whatever law it has
     spread = asked.spread and replace(asked.spread, stage=stage)
@@ -221,11 +222,9 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
     own_kind = own is not None and own.sought["kind"] == kind
     sought_from = own.form() if own is not None and own_kind else None
-    start = (
-        None
-        if sought_from is None
-        else Design(form_for(sought_from[0], members[0].rig.figures), np.append(sought_from[1], inner))
-    )
+    start = None
+    if sought_from is not None:
+        start = Design(form_for(sought_from[0], members[0].rig.figures), np.append(sought_from[1], inner))
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
@@ -237,7 +236,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         seeds = KINDS[kind].seeds()
         starts, alone = from_seeds(task, seeds), False
         growths = asked.sections if KINDS[kind].grows else 0
-        if start is not None and (asked.near or not starts) and task.settled(start):
+        if start is not None and (asked.near or not starts or not growths) and task.settled(start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
         none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"
