@@ -113,7 +113,8 @@ class LawOptions:
 
     Attributes:
         kind: a registered kind of controller, or one of `SYNTHESES`; these refine the prototype's own controller as
-            well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own.
+            well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own; so,
+            beside its seeds, is a lag.
         inner_kg: least and most mass on the inner tip.
         sections: second-order sections of a structured controller.
         sensors: what an observer reads, of `beamdesign.controllers.SENSORS`.
