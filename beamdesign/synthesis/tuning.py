@@ -114,7 +114,7 @@ class LawOptions:
     Attributes:
         kind: a registered kind of controller, or one of `SYNTHESES`; these refine the prototype's own controller as
             well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own; so,
-            beside its seeds, is a lag.
+            beside its seeds, is the lag of a stage.
         inner_kg: least and most mass on the inner tip.
         sections: second-order sections of a structured controller.
         sensors: what an observer reads, of `beamdesign.controllers.SENSORS`.
@@ -237,7 +237,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         seeds = KINDS[kind].seeds()
         starts, alone = from_seeds(task, seeds), False
         growths = asked.sections if KINDS[kind].grows else 0
-        if start is not None and (asked.near or not starts or not growths) and task.settled(start):
+        if start is not None and (asked.near or not starts or (stage and not growths)) and task.settled(start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
         none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"
