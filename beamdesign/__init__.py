@@ -40,7 +40,9 @@ where the answer is no. In the order in which one needs them:
    controller as C code for a rate, proved as it is rounded.
 6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
    `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes. Files of other
-   programs become a data set by `import_measured`, and `blindcheck` says how often a diagnosis is right.
+   programs become a data set by `import_measured`, and `blindcheck` says how often a diagnosis is right. An actuator
+   on a bench has readers of its own, `read_bench_prototype` and `read_bench_set`; `simulate`, `predict`, `diagnose`
+   and `write_prototype` take what they give.
 7. `write_prototype` writes a rig to its file, which every command takes.
 8. `study` carries out a sweep over any key of a file, and nothing is computed twice; `paper` recomputes what Zalucky
    and Hardt (1984) state.

@@ -1,9 +1,11 @@
 # The public names with their types; `__init__.py` takes from here where each stands.
 
+from beamdesign.bench_prototype import read_bench_prototype as read_bench_prototype
 from beamdesign.build.realisation.code import code as code
 from beamdesign.build.specification import spec as spec
 from beamdesign.build.specification import specify as specify
 from beamdesign.checker import check as check
+from beamdesign.diagnosis.data.bench_set import read_bench_set as read_bench_set
 from beamdesign.diagnosis.data.dataset import read_dataset as read_dataset
 from beamdesign.diagnosis.data.importing import import_measured as import_measured
 from beamdesign.diagnosis.diagnose import diagnose as diagnose

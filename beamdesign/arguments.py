@@ -18,7 +18,9 @@ MASS = "payload.outer_end_mass_kg"
 READERS = {
     "Prototype": "read_prototype",
     "DesignProblem": "read_problem",
+    "BenchPrototype": "read_bench_prototype",
     "Dataset": "read_dataset",
+    "BenchSet": "read_bench_set",
     "Scenario": "read_scenario",
 }
 """Public function that reads a record, by the name of the record's class."""

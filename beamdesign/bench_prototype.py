@@ -9,6 +9,7 @@ from pydantic import Field, FiniteFloat
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.arguments import takes
 from beamdesign.plant.actuators import deviation
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record, numbers
@@ -131,6 +132,7 @@ def read_any_prototype(path: str | Path) -> AnyPrototype:
     return records.parse(KINDS[kind], table, path)
 
 
+@takes()
 def read_bench_prototype(path: str | Path) -> BenchPrototype:
     """Read the prototype.toml of an actuator bench.
 

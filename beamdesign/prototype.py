@@ -354,9 +354,9 @@ def read_prototype(path: str | Path) -> Prototype:
     """
     table = records.read_table(path)
     if table.get("kind", "twin_beam") != "twin_beam" and not str(table["kind"]).startswith("beamdesign."):
-        raise records.InputError(
-            path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
-        )
+        reads = "; beamdesign.read_bench_prototype reads it in Python" if table["kind"] == "actuator_bench" else ""
+        reason = f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'{reads}"
+        raise records.InputError(path, [("kind", reason)])
     record = records.parse(Prototype, table, path)
     if record.guarantee is not None and (reason := _changed(record.guarantee, Path(path).parent)):
         raise records.InputError(path, [("guarantee.certificate_sha256", reason)])

@@ -11,9 +11,11 @@ from math import ceil
 import numpy as np
 
 from beamdesign.arguments import takes
+from beamdesign.bench_prototype import AnyPrototype, BenchPrototype
 from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
 from beamdesign.oscillation import Oscillation, departing, oscillation, sustained
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
+from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
 from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate, refined
 from beamdesign.plant.equilibrium import equilibrium, linearise, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
@@ -97,18 +99,22 @@ class Simulation(Result):
         ]
 
 
-@takes("Prototype", "Scenario")
-def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
+@takes("Prototype BenchPrototype", "Scenario")
+def simulate(prototype: AnyPrototype, scenario: Scenario) -> Simulation:
     """Simulate the records of a scenario.
 
     Args:
-        prototype: rig with its effects and, unless every record brings its own, a controller.
+        prototype: rig with its effects and, unless every record brings its own, a controller; or a bench, whose open
+            loop stays between its end stops: of that every record is stable.
         scenario: what is done to it.
 
     Raises:
         InputError: where the prototype has no controller or an effect that cannot be, where no equilibrium is found
             from which to start, or for what its controller cannot be put through, as a payload that is to change.
     """
+    if isinstance(prototype, BenchPrototype):
+        made = simulate_bench(prototype, scenario)
+        return Simulation(tuple(SimulatedRecord(*one, stable=True, columns=BENCH_COLUMNS) for one in made.items()))
     prototype = arm.in_plane(prototype)
     scenario = scenario.every(None if prototype.schedule is None else prototype.schedule.period_s)
     runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]

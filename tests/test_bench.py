@@ -8,8 +8,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, read_prototype, read_scenario, write_prototype
-from beamdesign.bench_prototype import BenchPrototype, read_any_prototype, read_bench_prototype
+from beamdesign import (
+    InputError,
+    Prototype,
+    read_bench_prototype,
+    read_prototype,
+    read_scenario,
+    simulate,
+    write_prototype,
+)
+from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
 from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
@@ -317,7 +325,9 @@ def test_what_a_bench_cannot_do_is_told(tmp_path: Path, bench: BenchPrototype, a
 
 def test_shipped_bench_goes_out_and_back():
     folder = Path(__file__).parent.parent / "studies" / "bench"
-    found = simulate_bench(read_bench_prototype(folder / "cylinder.toml"), read_scenario(folder / "out_and_back.toml"))
-    for table in found.values():
-        assert table[4000, 2] == pytest.approx(0.25, abs=1e-3)
-        assert abs(table[-1, 2]) < 1e-3
+    found = simulate(read_bench_prototype(folder / "cylinder.toml"), read_scenario(folder / "out_and_back.toml"))
+    assert found.stable
+    assert [name for name, *_ in found.rows()] == ["slow", "fast"]
+    for record in found.records:
+        assert record.column("displacement_m")[4000] == pytest.approx(0.25, abs=1e-3)
+        assert abs(record.column("displacement_m")[-1]) < 1e-3

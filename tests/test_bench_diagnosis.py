@@ -24,10 +24,9 @@ from bench_records import (
     write_table,
 )
 
-from beamdesign import InputError, import_measured
-from beamdesign.bench_prototype import read_bench_prototype
+from beamdesign import InputError, import_measured, read_bench_prototype, read_bench_set, read_dataset, read_prototype
 from beamdesign.diagnosis.bench_diagnosis import diagnose_bench, probabilities, updated_prototype
-from beamdesign.diagnosis.data.bench_set import read_bench_set, saturates_at
+from beamdesign.diagnosis.data.bench_set import saturates_at
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.scattered_runs import without_scattered
 from beamdesign.diagnosis.fitting import steady_evidence
@@ -56,6 +55,17 @@ def joint(joint_set: Path) -> Diagnosis:
     left_out = {"line_loss", "edge_b", "seal_friction.breakaway_ratio"}
     some = [each for each in candidates() if not left_out & {*moved(each)}]
     return diagnose_bench(read_bench_set(joint_set), some)
+
+
+def test_a_set_from_a_bench_is_shown_in_a_notebook(joint_set: Path):
+    found = read_bench_set(joint_set)
+    assert found.status == "3 conditions"
+    assert len(found.rows()) == len(found.runs)
+    assert found.runs[0].name in found._repr_html_()
+    with pytest.raises(InputError, match=r"expected .twin_beam.; beamdesign\.read_bench_set reads it"):
+        read_dataset(joint_set)
+    with pytest.raises(InputError, match=r"beamdesign\.read_bench_prototype reads it in Python"):
+        read_prototype(joint_set / "prototype.toml")
 
 
 def figures(**given: float) -> dict[str, float]:

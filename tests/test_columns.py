@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_rig import Recorded, recorded
 
-from beamdesign import InputError, Prototype, columns, predict, read_dataset, read_scenario
+from beamdesign import InputError, Prototype, columns, predict, read_bench_set, read_dataset, read_scenario
 from beamdesign.columns import LARGEST, read_columns, uniform_times
-from beamdesign.diagnosis.data.bench_set import read_bench_set
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.scenario import inputs_from_csv

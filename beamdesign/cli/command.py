@@ -83,7 +83,7 @@ def command(
         typer.Exit: with status 1 where the answer is no.
     """
     about, helps = _described(work)
-    called = work.__name__.replace("_", "-")
+    called = work.__name__.strip("_").replace("_", "-")
     hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name != "return"}
     hints = {name: _marked(name, hint, helps.get(name)) for name, hint in hints.items()}
     marks = {name: hint.__metadata__[0] for name, hint in hints.items()}

@@ -62,15 +62,15 @@ def diagnose(
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
-    from beamdesign.diagnosis.bench_diagnosis import diagnose_bench
     from beamdesign.diagnosis.data.bench_set import read_bench_set
+    from beamdesign.diagnosis.diagnose import diagnose as engine
 
     if redesign:
         refuse("--redesign", (str(dataset), "a bench has no controller to design"))
     data = read_bench_set(dataset)
     with in_time(minutes, "half a minute to 2 min"):
-        with progress("diagnosing"):
-            found = diagnose_bench(data)
+        with progress("diagnosing") as update:
+            found = engine(data, progress=update)
         echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
@@ -187,7 +187,7 @@ def _echo_gap(found: "Diagnosis") -> None:
 
 @gap.command("import")
 @command
-def import_files(
+def import_(
     files: Annotated[list[Path], typer.Argument()],
     prototype: Annotated[Path, typer.Option(metavar="FILE")],
     out: Path,

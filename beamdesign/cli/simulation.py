@@ -13,8 +13,10 @@ from beamdesign.files import fresh_folder, settled
 from beamdesign.result import picked
 
 if TYPE_CHECKING:
+    from beamdesign.prototype import Prototype
     from beamdesign.report.charts import Limits
-    from beamdesign.simulation import SimulatedRecord
+    from beamdesign.scenario import Scenario
+    from beamdesign.simulation import SimulatedRecord, Simulation
 
 
 @command
@@ -39,17 +41,30 @@ def simulate(
         plots: whether to draw the records.
     """
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
-    from beamdesign.plant.assembly import effect_parameters_of
-    from beamdesign.plant.effects import laws_of
     from beamdesign.scenario import files_of, read_scenario
     from beamdesign.simulation import simulate as simulated
-    from beamdesign.structure.arm import arm_of, left_aside
 
     rig, plan = read_any_prototype(prototype), read_scenario(scenario)
     spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
-    if isinstance(rig, BenchPrototype):
-        return _simulate_bench(rig, plan, out, plots)
     found = simulated(rig, plan)
+    if isinstance(rig, BenchPrototype):
+        peaks = [(one.name, *map(float, abs(one.samples[:, 2:]).max(axis=0))) for one in found.records]
+        heads = ("record", *(f"peak {column}" for column in found.records[0].columns[2:]))
+        echo_table(f"{rig.name}: {plan.name}", heads, peaks)
+        limits: Limits = {}
+    else:
+        limits = _echo_loop(rig, plan, found)
+    files = write_folder(rig, plan, found.records, out, limits if plots else None)
+    each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
+    return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
+
+
+def _echo_loop(rig: "Prototype", plan: "Scenario", found: "Simulation") -> "Limits":
+    """Tell how the records of a loop went; what its pictures show as limits."""
+    from beamdesign.plant.assembly import effect_parameters_of
+    from beamdesign.plant.effects import laws_of
+    from beamdesign.structure.arm import arm_of, left_aside
+
     heads = ("record", "stable", "peak displacement_m", "oscillation_Hz")
     echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
     if arm_of(rig).plane is None and (words := left_aside(rig)):
@@ -73,22 +88,7 @@ def simulate(
     for name, own in effect_parameters_of(rig).items():
         if name in laws_of("current_saturation"):
             limits["current_A"] = (own["limit_A"], "amplifier's limit")
-    files = write_folder(rig, plan, found.records, out, limits if plots else None)
-    each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
-    return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
-
-
-def _simulate_bench(rig: Any, plan: Any, out: Path, plots: bool) -> CommandResult:
-    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
-    from beamdesign.simulation import SimulatedRecord
-
-    found = simulate_bench(rig, plan)
-    rows = [(name, *map(float, abs(table[:, 2:]).max(axis=0))) for name, table in found.items()]
-    echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
-    records = [SimulatedRecord(name, table, True, columns=BENCH_COLUMNS) for name, table in found.items()]
-    files = write_folder(rig, plan, records, out, {} if plots else None)
-    # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
-    return CommandResult({"stable": True, "effects": list(rig.effects), **files})
+    return limits
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:

@@ -57,13 +57,16 @@ from beamdesign.diagnosis.judgement import (
 from beamdesign.diagnosis.verdict import sentences
 from beamdesign.plant.bench_simulation import BENCH_COLUMNS, BENCH_STATED, replay
 from beamdesign.plant.effects import library
+from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
 from beamdesign.time_limit import left_out, while_time
 
 _DRAWS = 4000
 
 
-def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) -> Diagnosis[BenchPrototype]:
+def diagnose_bench(
+    data: BenchSet, among: Sequence[Hypothesis] | None = None, progress: Progress = silent
+) -> Diagnosis[BenchPrototype]:
     """Diagnose an actuator bench from what `read_bench_set` gives.
 
     Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
@@ -73,6 +76,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) ->
     Args:
         data: the runs.
         among: candidates, with the one of no cause and of every chosen set less one cause; all where not given.
+        progress: told the share done and what is being fitted.
 
     Raises:
         InputError: for runs that do not move steadily; see `steady_motions`.
@@ -80,7 +84,11 @@ def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) ->
     rig, (data, seen) = data.prototype, without_scattered(data)
     known = nominal_causes(rig)
     order = sorted(among or candidates(known), key=lambda one: (one != known, size(one)))  # the least first
-    return bench_diagnosis(data, seen, [held_out(rig, one, seen) for one in while_time(order, least=1)])
+    tried = list[HeldOut]()
+    for one in while_time(order, least=1):
+        progress(len(tried) / len(order), str(one))
+        tried.append(held_out(rig, one, seen))
+    return bench_diagnosis(data, seen, tried)
 
 
 def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]) -> Diagnosis[BenchPrototype]:

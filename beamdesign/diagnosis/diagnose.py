@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import inf, nan
 from multiprocessing import active_children
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
 from beamdesign.arguments import takes
+from beamdesign.bench_prototype import BenchPrototype
+from beamdesign.diagnosis.bench_diagnosis import diagnose_bench
+from beamdesign.diagnosis.data.bench_set import BenchSet
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, NextExperiment, no_surer, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, Examination, examine
@@ -59,21 +62,38 @@ _SKEWED = "channels that do not belong to one instant"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
 
 
-@takes("Dataset")
+@overload
+def diagnose(
+    data: BenchSet, *, progress: Progress = silent, minutes: float | None = None
+) -> Diagnosis[BenchPrototype]: ...
+
+
+@overload
 def diagnose(
     data: Dataset,
     workers: int = 2,
     progress: Progress = silent,
     kept: FitCache | None = None,
     minutes: float | None = None,
-) -> Diagnosis[Prototype]:
+) -> Diagnosis[Prototype]: ...
+
+
+@takes("Dataset BenchSet")
+def diagnose(
+    data: Dataset | BenchSet,
+    workers: int = 2,
+    progress: Progress = silent,
+    kept: FitCache | None = None,
+    minutes: float | None = None,
+) -> Diagnosis[Any]:
     """Diagnose the gap between a prototype and its rig.
 
     Time records, with or without other figures, are explained by fits; figures alone by `explain_gains`, also where no
-    record turns out to be sound.
+    record turns out to be sound. A bench is diagnosed from its steady motions, in this process alone and without fits
+    that are kept.
 
     Args:
-        data: what came back from the rig.
+        data: what came back from the rig, or from a bench.
         workers: processes.
         progress: told the share done and what is being done.
         kept: fits of an earlier run, where those of this one are kept as well.
@@ -84,6 +104,8 @@ def diagnose(
             `beamdesign.diagnosis.examination.plausibility`.
     """
     with within(minutes):
+        if isinstance(data, BenchSet):
+            return diagnose_bench(data, progress=progress)
         return _diagnosed(data, workers, progress, kept)
 
 

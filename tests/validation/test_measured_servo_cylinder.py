@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.diagnosis.bench_diagnosis import diagnose_bench, simulated
-from beamdesign.diagnosis.data.bench_set import read_bench_set
+from beamdesign import diagnose, read_bench_set
+from beamdesign.diagnosis.bench_diagnosis import simulated
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.fitting.steady_evidence import FRICTIONS, held_out, moving
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.long, pytest.mark.skipif(not FOLDER.exists(), reason="
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    return diagnose_bench(read_bench_set(FOLDER))
+    return diagnose(read_bench_set(FOLDER))
 
 
 def test_areas_square_root_flow_and_friction_are_held_responsible_together(found: Diagnosis):

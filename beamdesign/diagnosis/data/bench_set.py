@@ -16,11 +16,13 @@ from pydantic import Field
 from scipy.ndimage import median_filter
 
 from beamdesign import records
+from beamdesign.arguments import takes
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, refuse_missing, uniform_times
 from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
 from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
+from beamdesign.result import Result
 
 LEAST_SAMPLES = 200
 _STEP = 3.0
@@ -62,8 +64,8 @@ class BenchRun:
         return {"displacement_m": self.displacement_m, f"pressure_{self.side}_Pa": self.pressure_Pa}
 
 
-@dataclass(frozen=True)
-class BenchSet:
+@dataclass(frozen=True, repr=False)
+class BenchSet(Result):
     """All runs of a bench with the prototype that was believed.
 
     Attributes:
@@ -79,6 +81,22 @@ class BenchSet:
     runs: tuple[BenchRun, ...]
     warnings: tuple[str, ...] = ()
     doubtful: bool = False
+
+    @property
+    def status(self) -> str:
+        """How many conditions there are."""
+        return f"{len({run.condition for run in self.runs})} conditions"
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """What was measured under which command: for people."""
+        return [
+            (
+                run.name,
+                f"{len(run.times)} samples, {np.ptp(run.times):.4g} s",
+                f"{run.condition}, replicate {run.replicate}, chamber {run.side}",
+            )
+            for run in self.runs
+        ] + [("warning", words, "") for words in self.warnings]
 
 
 class _Entry(Record):
@@ -98,6 +116,7 @@ class _File(SetFile):
     record: Annotated[tuple[_Entry, ...], Field(min_length=1, description="one run out or back each")]
 
 
+@takes()
 def read_bench_set(folder: str | Path) -> BenchSet:
     """Read the data set of a bench from its folder (or from its dataset.toml).
 

@@ -157,7 +157,8 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
     table, warnings = _known_keys(raw)
     entry = records.parse(Index, table, path)
     if entry.rig != "twin_beam":
-        raise InputError(path, [("rig", f"{entry.rig!r} is not a rig this reader knows; expected 'twin_beam'")])
+        reads = "; beamdesign.read_bench_set reads it" if entry.rig == "actuator_bench" else ""
+        raise InputError(path, [("rig", f"{entry.rig!r} is not a rig this reader knows; expected 'twin_beam'{reads}")])
     folder, named = path.parent, entry.prototype
     problems = [] if os.path.isfile(folder / named) else [Problem("prototype", _no_file(folder, named))]
     problems += wrong_files("record.file", [row.file for row in entry.record], folder)
