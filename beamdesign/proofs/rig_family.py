@@ -160,7 +160,7 @@ def rig_family(
         form = _moved(form if error.place == "volts" else _apart(form), error.decay)
     positive = [name for name in values if name not in _frozen(found) and name not in shaping]
     delays = {TRANSPORT: "delay"} if delayed else {}
-    of, by = (circles, since, until, pace(model.figures)), () if error or weights else _divisors(form)
+    of, by = (circles, since, until, pace(model.figures)), () if error else _divisors(form)
     return PolynomialFamily(
         prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, *of, by
     )
