@@ -102,7 +102,7 @@ def test_the_worst_member_is_as_bad_in_python_control(rig: Prototype, proved):
 
 
 def test_the_uncertain_phase_of_a_slow_valve_costs_no_pieces_of_a_multiplier_either(rig: Prototype):
-    """Its lag turned all of the beams' resonances: 445 pieces were looked at, now 281, and of a slow link none were enough."""
+    """Its lag turned all of the beams' resonances: 445 pieces were looked at, now 281; a slow link was undecided."""
     law = rig.controller.but(gain_A_per_V=0.003, pole_Hz=0.1, zero_Hz=1.0)
     slow = rig.but(servovalve=rig.servovalve.but(natural_frequency_Hz=20.0), controller=law)
     box = tolerance_box(slow, 2.0, None, MASSES)
