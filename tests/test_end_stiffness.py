@@ -336,6 +336,20 @@ def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, j
     assert float(a(x) * mass**2 + b(x) * mass + c(x)) == pytest.approx(expected, rel=1e-9)
 
 
+def test_what_is_proved_of_one_sided_springs_is_said_of_no_dashpot(rig: Prototype) -> None:
+    """A wall of 0.1 MN/m, far below those proved, with 30 kN s/m: a tip that is pressed on it, poles in floats, grows."""
+    found = judge(rig, None, MASSES_KG, Wall((fmpq(0), fmpq(10**6)), (fmpq(0), fmpq(30_000))))
+    assert (found.unilateral_contact.stiffness_N_per_m, found.unilateral_contact.whole) == (1e6, True)
+    a, force, x, rate = parts_of(rig, MASSES_KG[1])
+    a[:, x] -= 1e5 * force
+    assert np.linalg.eigvals(a).real.max() < 0
+    a[:, rate] -= 3e4 * force
+    assert np.linalg.eigvals(a).real.max() > 0
+    said = " ".join(in_words(found))
+    assert "comes to rest at any one-sided spring up to 1000000 N/m" in said
+    assert "Undecided: touching and letting go of walls that damp;" in said
+
+
 def test_a_slower_rig_may_touch_walls_as_stiff_in_proportion(rig: Prototype) -> None:
     """By similarity; the time q of the criterion, which is so much longer, was at most 100 s."""
     scales = (1.0, 1.0, 2.0**8)

@@ -154,9 +154,9 @@ def _one_sided(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bo
     """Popov's criterion for a spring a little stiffer, where equality is enough."""
     stiffness, multiplier = table.at_least("stiffness_N_per_m", 0), table.at_least("multiplier_s", 0)
     if stiffness == 0:
-        return True, "of no one-sided wall is it claimed that the loop comes to rest before it"
+        return True, "of no one-sided spring is it claimed that the loop comes to rest before it"
     proved = stable and Popov(port, stiffness * STIFFER, multiplier).nonnegative(*masses, None)
-    return judged(proved, f"comes to rest before every one-sided wall up to {short(stiffness, up=False)} N/m")
+    return judged(proved, f"comes to rest before every one-sided spring up to {short(stiffness, up=False)} N/m")
 
 
 def _stiffness(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bool, str]:

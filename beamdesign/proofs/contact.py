@@ -345,7 +345,7 @@ def popov_slack(loop: Loop, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
 
 
 def unilateral_contact(loop: Loop, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:
-    """Find the stiffest one-sided wall, up to the one given (N/m), that is proved for every end mass (kg)."""
+    """Find the stiffest one-sided spring, up to the one given (N/m), that is proved for every end mass (kg)."""
     if stiffness == 0 or not is_stable_over(loop.characteristic, *masses):
         return UnilateralContact(0.0, 0.0, False)
 

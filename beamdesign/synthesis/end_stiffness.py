@@ -143,7 +143,7 @@ class EndStiffness(Result):
         destabilising_environment: a passive environment that makes a loop grow which is stable, but not passive.
         contact: with the walls asked about.
         stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
-        unilateral_contact: one-sided walls that it may touch and leave.
+        unilateral_contact: one-sided springs that it may touch and leave, of no dashpot.
     """
 
     outer_end_mass_kg: tuple[float, float]
@@ -386,10 +386,12 @@ def in_words(found: EndStiffness) -> list[str]:
     touched = found.unilateral_contact
     if touched.stiffness_N_per_m > 0:
         lines.append(
-            f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:.15g} N/m, touching and"
+            f"Proved: comes to rest at any one-sided spring up to {touched.stiffness_N_per_m:.15g} N/m, touching and"
             " letting go."
         )
-    if not touched.whole:
-        walls = "stiffer walls" if touched.stiffness_N_per_m > 0 else "any walls"
-        lines.append(f"Undecided: touching and letting go of {walls}; `beamdesign simulate` shows what they do.")
+    if not touched.whole or (wall.damping[1] > 0 and not found.passivity.holds):
+        springs = "any walls" if touched.stiffness_N_per_m == 0 else "walls that damp" + " or are stiffer" * (
+            not touched.whole
+        )
+        lines.append(f"Undecided: touching and letting go of {springs}; `beamdesign simulate` shows what they do.")
     return lines
