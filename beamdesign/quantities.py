@@ -359,7 +359,7 @@ def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
 
 def rigs_in_words(sigmas: float) -> str:
     """Which rigs something holds for: those of a box of so many standard deviations, of zero the stated one."""
-    every = f"every rig within {sigmas:g} standard deviations of each figure that varies"
+    every = f"every rig within {sigmas:.15g} standard deviations of each figure that varies"
     return every if sigmas else "exactly these figures"
 
 

@@ -337,7 +337,7 @@ def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, j
 
 
 def test_what_is_proved_of_one_sided_springs_is_said_of_no_dashpot(rig: Prototype) -> None:
-    """A wall of 0.1 MN/m, far below those proved, with 30 kN s/m: a tip that is pressed on it, poles in floats, grows."""
+    """A tip pressed on a wall of 0.1 MN/m, far below those proved, grows with 30 kN s/m in it: poles in floats."""
     found = judge(rig, None, MASSES_KG, Wall((fmpq(0), fmpq(10**6)), (fmpq(0), fmpq(30_000))))
     assert (found.unilateral_contact.stiffness_N_per_m, found.unilateral_contact.whole) == (1e6, True)
     a, force, x, rate = parts_of(rig, MASSES_KG[1])

@@ -99,6 +99,7 @@ def test_only_what_is_asked_for_stands_in_the_way_of_a_yes() -> None:
     assert uncovered(rig("valve_deadband"), (), [PEAK, COMPLIANCE])
     assert uncovered(rig("joint_backlash"), (), [])
     assert holds_for(rig()) == f"for {rigs_in_words(0.0)}"
+    assert " 1.9999996 " in rigs_in_words(1.9999996)  # and not two, of which nothing is proved
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def tune(
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)
-        echo(*lines, *(["changes are proved of exactly the figures stated"] if within else []), before="  ")
+        echo(*lines, before="  ")
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": changes.to_dict()}

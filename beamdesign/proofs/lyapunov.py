@@ -18,7 +18,7 @@ from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import mass_range_text
+from beamdesign.quantities import mass_range_text, rigs_in_words
 from beamdesign.result import Result, finite, picked
 
 CHANGES_NAME = "stages.certificate.toml"
@@ -180,7 +180,8 @@ def describe(found: Switching) -> list[str]:
     if several:
         lines = [f"{lines[0]}, with every stage that stays", *_of_stages(found.stages, found.dwell_s)]
     lines += _of_payload(found)
-    return [*lines, "all of it about the linear loop, each law in continuous time"] if several else lines
+    time = ", each law in continuous time" if several else ""
+    return [*lines, f"all of it about the linear loop of {rigs_in_words(0.0)}{time}"]
 
 
 def _of_stages(stages: Course, dwell_s: float) -> list[str]:

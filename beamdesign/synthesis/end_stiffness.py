@@ -390,8 +390,10 @@ def in_words(found: EndStiffness) -> list[str]:
             " letting go."
         )
     if not touched.whole or (wall.damping[1] > 0 and not found.passivity.holds):
-        springs = "any walls" if touched.stiffness_N_per_m == 0 else "walls that damp" + " or are stiffer" * (
-            not touched.whole
+        springs = (
+            "any walls"
+            if touched.stiffness_N_per_m == 0
+            else "walls that damp" + " or are stiffer" * (not touched.whole)
         )
         lines.append(f"Undecided: touching and letting go of {springs}; `beamdesign simulate` shows what they do.")
     return lines
