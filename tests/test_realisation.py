@@ -721,6 +721,7 @@ def test_the_command_writes_code_that_is_proved(tmp_path: Path) -> None:
     status, said = run(str(TAME), "--out", str(tmp_path / "c"), *options, *(["--compile"] if compiler() else []))
     assert status == 0
     assert "proved: stable for 0 to 2 kg" in said
+    assert "at every sample alike, for exactly these figures" in " ".join(said.split())
     assert "to the last bit" in said or not compiler()
     fields = json.loads(answer.read_text())
     assert fields["proved"] is True
@@ -736,7 +737,9 @@ def test_the_command_writes_code_that_is_proved(tmp_path: Path) -> None:
     assert fields["masses"][0]["late"]["peak_sensitivity"] > fields["masses"][0]["continuous"]["peak_sensitivity"]
     assert {Path(file).name for file in fields["files"]} == {HEADER, LAW, SELF_TEST}
     assert {file.name for file in (tmp_path / "c").iterdir()} == {HEADER, LAW, SELF_TEST}
-    assert "Proved stable for 0 to 2 kg" in (tmp_path / "c" / HEADER).read_text()
+    header = (tmp_path / "c" / HEADER).read_text()
+    assert "Proved stable for 0 to 2 kg" in header
+    assert "for exactly these figures" in header
 
 
 def test_a_loop_that_is_not_stable_as_realised_gets_no_code(tmp_path: Path) -> None:

@@ -108,6 +108,7 @@ def _compiles(folder: Path) -> bool:
 def _echo_code(code: "ProvedCode") -> None:
     from decimal import ROUND_CEILING
 
+    from beamdesign.proofs.scope import holds_for
     from beamdesign.quantities import decimal, mass_range_text
 
     made, masses = code.realisation, code.outer_end_mass_kg
@@ -117,7 +118,8 @@ def _echo_code(code: "ProvedCode") -> None:
         echo(f"stability as realised: not looked at, {code.not_judged}")
         return
     when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
-    echo(f"proved: stable for {mass_range_text(masses)}, the current held, put out {when}, at every sample alike")
+    alike = f"the current held, put out {when}, at every sample alike"
+    echo(f"proved: stable for {mass_range_text(masses)}, {alike}, {holds_for(code.prototype)}")
     echo_aside(code.prototype)
     title = f"Worst of {len(code.masses)} masses, computed"
     echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())

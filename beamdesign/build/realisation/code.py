@@ -41,6 +41,7 @@ from beamdesign.polynomial import exact, transfer
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.any_loop import in_p
 from beamdesign.proofs.certifying import stability_over
+from beamdesign.proofs.scope import holds_for
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import FullScale, LargestCurrent, SamplingRate, masses_text
 from beamdesign.records import InputError
@@ -265,7 +266,8 @@ class ProvedCode(Result):
         when = "at its sample or one whole period later" if self.any_time is None else "at any time within a period"
         return (
             f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
-            f"{when}, at every sample alike. Roundings and limits are no part of that proof.",
+            f"{when}, at every sample alike, {holds_for(self.prototype)}. Roundings and limits are no part of",
+            "that proof.",
             *([f"It is proved with {words}."] if (words := left_aside(self.prototype)) else ()),
         )
 
