@@ -204,13 +204,13 @@ class Search:
         points = self.points_with(design.chosen) or self.points
         return sampled_bandwidth(points, self._left(points, design).compliance - spare)
 
-    def _left(self, points: Samples, design: Design) -> Slacks:
-        return slacks(points, self.goal, design.form, design.variables, slopes=False)
+    def _left(self, points: Samples, design: Design, unsettled: bool = True) -> Slacks:
+        return slacks(points, self.goal, design.form, design.variables, slopes=False, unsettled=unsettled)
 
     def violation(self, design: Design) -> float:
         """By how much (logarithm) a design misses limits but the compliance; infinite where a loop is unstable."""
         points = self.points_with(design.chosen)
-        left = None if points is None else self._left(points, design)
+        left = None if points is None else self._left(points, design, unsettled=False)
         return left.violation() if left is not None and left.settled else inf
 
     def settled(self, design: Design) -> bool:
@@ -337,7 +337,7 @@ class Search:
 
     def worth(self, points: Samples, design: Design, price: float = WORTH) -> float:
         """Sampled value, made less by what violates the limits, times a price; 0 of a loop that is not stable."""
-        left = self._left(points, design)
+        left = self._left(points, design, unsettled=False)
         if not left.settled:
             return 0.0
         reached = sampled_bandwidth(points, left.compliance + NEARLY / 2)

@@ -4,8 +4,8 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, reduce
 from math import inf, log, log10, pi
 
 import numpy as np
@@ -100,9 +100,25 @@ class Samples:
 
     def joined(self, other: "Samples") -> "Samples":
         """With the points of another, in rows of their own."""
-        whole = {name: np.concatenate([value, getattr(other, name)], axis=-1) for name, value in vars(self).items()}
+        names = [field.name for field in fields(self)]
+        whole = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=-1) for name in names}
         whole["row"] = np.append(self.row, other.row + self.row.max() + 1)
         return Samples(**whole)
+
+    @cached_property
+    def s(self) -> np.ndarray:
+        """(n,) complex frequency, rad/s."""
+        return 2j * pi * self.frequency_Hz
+
+    @cached_property
+    def onward(self) -> np.ndarray:
+        """(n - 1,) whether the next point is on the same row."""
+        return np.diff(self.row) == 0
+
+    @cached_property
+    def rows(self) -> list[np.ndarray]:
+        """Positions of the points of each row."""
+        return [np.flatnonzero(self.row == row) for row in np.unique(self.row)]
 
     def at(self, inner: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Plant (n,), then control (p, n), disturbance (n,) and crossed (p, n) over it, with a mass inside (kg)."""
@@ -116,7 +132,8 @@ class Samples:
 
         Between neighbouring frequencies F_d / x is interpolated: of one mass on a spring it is quadratic in frequency.
         """
-        without = self.at(inner)[2]
+        plant = 1 + inner * self.denominator
+        without = (self.disturbance[0] + inner * self.disturbance[1]) / plant
         size = np.where(self.relaxed == 1.0, np.abs(without), 0.0)
         k = int(size.argmax())
         near = np.arange(max(k - 2, 0), min(k + 3, len(size)))
@@ -266,7 +283,9 @@ COMPLIANCE, OTHERS = 1, [0, 2, 3, 4, 5]
 """Places in `LIMITED`."""
 
 
-def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
+def slacks(
+    points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True, unsettled: bool = True
+) -> Slacks:
     """What a law leaves of every limit at every point.
 
     Args:
@@ -275,12 +294,13 @@ def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slope
         form: of the law.
         variables: (v,) those of the form, then the mass inside, kg; more behind them does not count.
         slopes: whether to work out derivatives.
+        unsettled: whether to work out anything of loops that are not settled; else no limit counts of them.
     """
-    s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
+    s, own_variables = points.s, variables[: form.size]
     inner = float(variables[form.size])
     own = form.responses(own_variables, s)
     of_own = form.slopes(own_variables, s) if slopes else None
-    return slacks_of(points, goal, own, inner, of_own, form.mass_unit_kg)
+    return slacks_of(points, goal, own, inner, of_own, form.mass_unit_kg, unsettled)
 
 
 def counting(points: Samples, goal: Goal) -> np.ndarray:
@@ -289,7 +309,8 @@ def counting(points: Samples, goal: Goal) -> np.ndarray:
     far, everywhere = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz), np.full(len(performs), True)
     peaked = points.relaxed < RELAXED_PEAK
     where = np.array([everywhere, performs, far, performs, everywhere, peaked])
-    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
+    limits = goal_limits(goal)
+    return where & np.array([kind in limits for kind in LIMITED])[:, None]
 
 
 def slacks_of(
@@ -299,6 +320,7 @@ def slacks_of(
     inner: float,
     of_own: np.ndarray | None = None,
     mass_unit: float = 1.0,
+    unsettled: bool = True,
 ) -> Slacks:
     """The same of a law whose responses are known.
 
@@ -309,10 +331,14 @@ def slacks_of(
         inner: mass inside, kg.
         of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
         mass_unit: of what size a mass is (kg), for its slope.
+        unsettled: as in `slacks`.
     """
     plant, control, disturbance, crossed = points.at(inner)
-    moved = disturbance + (own * crossed).sum(axis=0)
     loop = (own * control).sum(axis=0)
+    settled = _settled(points, goal, loop)
+    if not (settled or unsettled):
+        return Slacks(np.full((len(LIMITED), len(loop)), np.inf), np.empty(0), False, 0.0)
+    moved = disturbance + (own * crossed).sum(axis=0)
     closed = np.log(np.abs(1 + loop))
     share = np.clip(-loop.real / np.maximum(np.abs(loop) ** 2, 1e-300), 0.0, 1.0)  # of the gain, with |1 + k L| least
     lower, limits = 1 + share * loop, goal_limits(goal)
@@ -323,12 +349,6 @@ def slacks_of(
     stated = np.log([limits.get(kind, 1.0) for kind in LIMITED])
     left = np.where(counting(points, goal), left + stated[:, None], np.inf)
     left[0] += np.log(points.relaxed)
-    steps = np.diff(np.angle(1 + loop))
-    steps = (steps + pi) % (2 * pi) - pi
-    same = np.diff(points.row) == 0
-    settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
-    if settled and goal.lower_gains:
-        settled = not _passes_behind(loop[:-1][same], loop[1:][same]).any()
     if of_own is None:
         return Slacks(left, np.empty(0), settled, without)
     shrinks = points.denominator / plant
@@ -349,6 +369,16 @@ def slacks_of(
     return Slacks(left, slopes, settled, without)
 
 
+def _settled(points: Samples, goal: Goal, loop: np.ndarray) -> bool:
+    """Whether loop transfer functions (n,) are stable as far as samples tell, see `Slacks`."""
+    steps = np.diff(np.angle(1 + loop))
+    steps = (steps + pi) % (2 * pi) - pi
+    same = points.onward
+    if not (np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all():
+        return False
+    return not (goal.lower_gains and _passes_behind(loop[:-1][same], loop[1:][same]).any())
+
+
 _STEP = 1e-4
 """Of the mass inside in its unit, for the slope of what its largest compliance is without a law."""
 
@@ -362,8 +392,7 @@ def _passes_behind(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
     """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
-    rows = (points.row == row for row in np.unique(points.row))
-    reached = (first_miss(points.frequency_Hz[on], compliance[on]) for on in rows)
+    reached = (first_miss(points.frequency_Hz[on], compliance[on]) for on in points.rows)
     return min(*reached, float(points.frequency_Hz.max()), np.inf)
 
 
