@@ -299,16 +299,19 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
         y_out: (N, m) filled row by row.
     """
     samples, n = times.shape[0], x.shape[0]
-    k1, k2, k3, k4, trial = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    y, u0, u1, u2 = np.empty(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
+    k1, k2, k3, k4, trial = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    y, u0, u1, u2 = np.zeros(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
     period, delay = int(digital[0]), int(digital[1])
-    queue = np.full(delay + 1, digital[3])
+    queue = np.zeros(delay + 1)
+    for j in range(delay + 1):
+        queue[j] = digital[3]
     held, ticks, order, sensed = digital[3], 0, int(digital[4]), int(digital[5])
     width = order + sensed
     entries = 6 + sensed
     own = entries + (order + 1) * width  # where z begins
     given, after = np.zeros(width), np.zeros(order + 1)
-    given[:order] = digital[own : own + order]
+    for j in range(order):
+        given[j] = digital[own + j]
     if period == 0:
         held = 0.0
     for k in range(samples):
@@ -336,14 +339,18 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
                     for j in range(width):
                         total += digital[entries + i * width + j] * given[j]
                     after[i] = total
-                given[:order] = after[:order]
+                for j in range(order):
+                    given[j] = after[j]
                 queue[ticks % (delay + 1)] = after[order]
                 held = queue[(ticks + 1) % (delay + 1)]
                 ticks += 1
                 u0[2] = held
             if sub == 0:
                 _evaluate(output, t, x, u0, c, y_out[k])
-                if not np.isfinite(x[:checked]).all() or not abs(y_out[k, 4]) <= bound:
+                for j in range(checked):
+                    if not abs(x[j]) < np.inf:
+                        return k
+                if not abs(y_out[k, 4]) <= bound:
                     return k
                 if last:
                     return samples
