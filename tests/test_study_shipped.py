@@ -72,7 +72,7 @@ def test_each_is_run_here():
      ("tune", {"controller": "proportional"}),
      ("at_mass", {"outer_end_mass_kg": 2.0}), ("limits", {"outer_end_mass_kg": 2.0}), ("certify", {})],
 )  # fmt: skip
-@pytest.mark.usefixtures("one_start")
+@pytest.mark.usefixtures("least_effort")
 def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, options):
     table = tomllib.loads((ROOT / "prototypes" / "tame_lag.toml").read_text(encoding="utf-8"))
     if options.get("controller") == "structured":  # one payload and one figure that is off: a fraction of the work
@@ -88,6 +88,7 @@ def test_prices_are_declared():
     assert {name for name in TASKS["size"].columns if name.startswith("price_")} == labels | {"price_of_rounding_kg"}
 
 
+@pytest.mark.usefixtures("one_start")
 def test_paper_prototype(rows):
     (row,), _ = rows("paper_prototype", 1)
     assert row["load.tip_force_N"] == 2000.0

@@ -291,6 +291,7 @@ def test_a_range_out_of_reach_is_a_no(rig: Prototype):
 def test_a_solver_that_lies_is_not_believed(rig: Prototype, monkeypatch):
     """Whatever the polish gives back as its optimum, unstable over part of the range, comes to nothing."""
     remedy = np.array([*np.log([0.15, 1.75, 26.0]), 4.5])
+    monkeypatch.setattr(tuning, "widely", lambda task, starts: [])
     monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (remedy, 20.0))
     found = tune(rig, RANGE_KG, sigmas=0.0)
     refused(found, rig)
@@ -301,6 +302,7 @@ def test_a_solver_that_overrates_is_corrected(rig: Prototype, lag: Tuning, monke
     """A sound loop with a bandwidth claimed ten times too large is guaranteed what can be proved of it."""
     assert lag.best is not None
     overrated = lag.best.variables
+    monkeypatch.setattr(tuning, "widely", lambda task, starts: [])
     monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (overrated, 50.0))
     found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.best is not None

@@ -200,7 +200,7 @@ def test_an_aluminium_link_with_a_cylinder(tmp_path: Path) -> None:
     built_and_diagnosed(prototype, tmp_path, 100.0, 1e-5)
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("no_pictures", "one_start")
 def test_a_steel_link_with_a_screw(tmp_path: Path) -> None:
     """Its loop contracts little from sample to sample; python-control has its poles within the unit circle.
 
@@ -266,7 +266,7 @@ def test_a_refusal_names_what_to_change(name: str, tmp_path: Path) -> None:
     ],
     ids=["carbon, cylinder, 3 m, 100 N", "steel, screw, 3 m, 5 kN"],
 )  # fmt: skip
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("no_pictures", "one_start")
 def test_a_corner_is_proved(actuator: str, figures: dict[str, Any], tmp_path: Path) -> None:
     """Stiffer at its tip than with the servo off as far as its bandwidth reaches, by python-control and statics."""
     prototype = tmp_path / "out/prototype.toml"
