@@ -100,15 +100,12 @@ def single_causes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports have captions alone, where nobody looks at the pictures that take as long to draw as what they show."""
-    from beamdesign.build import result_folder
-    from beamdesign.report import figures, gap_folder
-    from beamdesign.report.page import Picture
+def no_pictures() -> Iterator[None]:
+    """Reports have captions alone, where nobody looks at the pictures."""
+    from one_start import captions_alone
 
-    monkeypatch.setattr(figures, "STEP", inf)  # of a root locus, of which most of the time is spent on its shape
-    for pages in (result_folder, gap_folder):
-        monkeypatch.setattr(pages, "in_page", lambda figure, name, caption, **given: Picture("", "", caption, name))
+    with captions_alone():
+        yield
 
 
 @pytest.fixture

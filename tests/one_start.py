@@ -1,9 +1,13 @@
-"""Searches that go on with their best start alone, or with less: what is found is proved as ever."""
+"""Searches that go on with their best start alone, or with less: what is found is proved as ever.
+
+And reports without pictures.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from math import inf
 
 import pytest
 
@@ -36,4 +40,18 @@ def least_effort() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch, best_start_alone(), short_climbs():
         patch.setattr(refinement, "_EVERY", 2 * refinement._EVERY)
         patch.setattr(refinement, "_WORST", {kind: count // 2 for kind, count in refinement._WORST.items()})
+        yield
+
+
+@contextmanager
+def captions_alone() -> Iterator[None]:
+    """Reports without the pictures, which take as long to draw as what they show."""
+    from beamdesign.build import result_folder
+    from beamdesign.report import figures, gap_folder
+    from beamdesign.report.page import Picture
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "STEP", inf)  # of a root locus, of which most of the time is spent on its shape
+        for pages in (result_folder, gap_folder):
+            patch.setattr(pages, "in_page", lambda figure, name, caption, **given: Picture("", "", caption, name))
         yield

@@ -23,12 +23,15 @@ def shortened(target: Path, rows: int = 1201) -> Path:
 
 
 def diagnose(base: Path) -> None:
-    """Run the whole command, its redesign by one start: data in `slow_sensor`, results in `out`, `answer.json`."""
-    from one_start import best_start_alone  # which loads what few tests need
+    """Run the whole command, its redesign by one start: data in `slow_sensor`, results in `out`, `answer.json`.
+
+    The report has captions alone: `test_gap_report.py` and the notebook of one's own link look at pictures.
+    """
+    from one_start import best_start_alone, captions_alone  # which load what few tests need
 
     data, answer = shortened(base / "slow_sensor"), base / "answer.json"
     args = ["gap", "diagnose", str(data), "--out", str(base / "out"), *ASKED, "--json", str(answer)]
-    with best_start_alone():
+    with best_start_alone(), captions_alone():
         found = CliRunner().invoke(app, args)
     assert found.exit_code == 0, found.output
     assert "caused by sensor_lag" in found.output

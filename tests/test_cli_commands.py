@@ -37,6 +37,7 @@ def call(folder: Path, *arguments: str, status: int = 0) -> tuple[dict[str, Any]
     return json.loads(answer.read_text()), done.output
 
 
+@pytest.mark.usefixtures("one_start")
 def test_run_carries_the_template_of_a_study_to_a_certified_prototype(tmp_path: Path) -> None:
     (study,) = start("study", tmp_path / "link.toml")
     fields, said = call(tmp_path, "run", str(study), "--nominal", "--out", str(tmp_path / "out"))

@@ -49,13 +49,17 @@ def carried_out(words, **given):
 subprocess.run = carried_out
 """
 """Commands of the program are carried out by the kernel, which need not load it for each of them."""
-PLAIN = """
-from beamdesign.build import result_folder
-from beamdesign.report.page import Picture
+QUICKER = f"""
+import sys
 
-result_folder.in_page = lambda figure, name, caption, **given: Picture("", "", caption, name)
+sys.path.append({str(Path(__file__).parent)!r})
+from one_start import best_start_alone, captions_alone
+
 """
-"""The report has captions alone: see `no_pictures`."""
+ALONE = f"{QUICKER}best_start_alone().__enter__()"
+"""Laws are sought from the best start alone."""
+PLAIN = f"{QUICKER}captions_alone().__enter__()"
+"""The report has captions alone."""
 HERE = """
 from contextlib import nullcontext
 from beamdesign.sweep import workers
@@ -163,7 +167,9 @@ def test_files_and_sweeps_it_names_exist(name: str) -> None:
 
 def test_paper_to_certified_design(execute, tmp_path: Path) -> None:
     results = tmp_path / "results"
-    said, book = execute("1_paper_to_certified_design", HERE + PLAIN, PROJECT=path(PROJECT), RESULTS=path(results))
+    said, book = execute(
+        "1_paper_to_certified_design", HERE + PLAIN + ALONE, PROJECT=path(PROJECT), RESULTS=path(results)
+    )
     assert_ran(book, figures=4)
     assert said["results"] == "end masses: 81 cases, 81 of them computed now\n"
     low, lower_Hz, high, upper_Hz = numbers(said["stable-range"])
@@ -279,7 +285,7 @@ def test_diagnosing_a_gap(execute, diagnosed_slow_sensor: Path, tmp_path: Path) 
 def test_own_link(execute, tmp_path: Path) -> None:
     causes = "sensor_lag", "transport_delay", "second_beam_mode", "parameter:flow_gain", "parameter:torque_constant"
     said, book = execute(
-        "4_own_link", COMMANDS + FEW % (causes,),
+        "4_own_link", COMMANDS + ALONE + FEW % (causes,),
         PROJECT=path(PROJECT), RESULTS=path(tmp_path / "arm"), SIGMAS="0.0", DURATION_S="0.5",
     )  # fmt: skip
     assert_ran(book, figures=3)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from math import exp
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.stats import median_abs_deviation, theilslopes
 
 from beamdesign.diagnosis.data.bench_set import BenchRun, BenchSet, held, stretches
 from beamdesign.diagnosis.examination.sound_records import equal_runs
+from beamdesign.plant.compiled import as_machine_code
 from beamdesign.plant.effects import laws_of
 from beamdesign.records import InputError
 
@@ -117,18 +119,6 @@ _SETTLED = 1e-6  # relative: Newton's next step would be of its square
 _LEAST_A = 1e-9  # of a valve that is just not shut
 
 
-def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force against the motion at a speed (both positive), and its slope; the constant load is against extension."""
-    coulomb, viscous, ratio, stribeck = (figure.get(f"seal_friction.{name}", none) for name, none in _FRICTIONLESS)
-    force = coulomb + viscous * speed + sign * figure["constant_load"]
-    slope = viscous + np.zeros_like(speed)
-    if np.any(ratio != 1):
-        excess = (ratio - 1) * np.exp(-((speed / stribeck) ** 2))
-        force = force + coulomb * excess
-        slope = slope - coulomb * excess * 2 * speed / stribeck**2
-    return force, slope
-
-
 _FRICTIONLESS = (("coulomb_N", 0.0), ("viscous_N_s_per_m", 0.0), ("breakaway_ratio", 1.0), ("stribeck_m_per_s", 1.0))
 
 
@@ -154,37 +144,78 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
     (supply, tank), flow = _pressures(figure), _rated_flow(figure, volts)
     leakage = figure["piston_leakage"]
-    speed = 0.5 * flow / area
-    past = np.zeros_like(speed)  # the piston, from the side that fills
-    full = empty = np.full_like(speed, supply / 2)
     filling, drop = _lost(figure, volts)
-    for _ in range(_ROUNDS):
-        force, slope = friction(figure, speed, sign)
-        if _SUPPLY in figure:
-            into, out = fills * speed + past, empties * speed + past
-            full, empty = supply - filling * into * np.abs(into), tank + drop * out * np.abs(out)
-            falls, rises = -2 * filling * np.abs(into), 2 * drop * np.abs(out)
-            # Newton's step in the speed and in the flow past the piston
-            unbalanced, unmet = fills * full - empties * empty - force, leakage * (full - empty) - past
-            by_speed = fills**2 * falls - empties**2 * rises - slope
-            by_past = fills * falls - empties * rises
-            met_by_speed, met_by_past = leakage * by_past, leakage * (falls - rises) - 1
-            determinant = by_speed * met_by_past - by_past * met_by_speed
-            moved = speed - (met_by_past * unbalanced - by_past * unmet) / determinant
-            past = np.clip(past - (by_speed * unmet - met_by_speed * unbalanced) / determinant, -flow, flow)
-            moved = np.clip(moved, 0.1 * speed, 2 * flow / np.minimum(fills, empties))
-        else:
-            full = (force + empties * (supply + tank)) / (fills + empties)
-            empty = supply + tank - full
-            past = np.clip(leakage * (full - empty), -flow, flow)
-            moved = np.maximum((flow - past) / fills, 1e-9)
-        settled = bool(np.all(np.abs(moved - speed) <= _SETTLED * speed))
-        speed = moved
-        if settled:
-            break
+    rubbing = [figure.get(f"seal_friction.{name}", none) for name, none in _FRICTIONLESS]
+    given = (0.5 * flow / area, fills, empties, flow, filling, drop, supply, tank, leakage, sign)
+    given = (*given, figure["constant_load"], *rubbing)
+    each = np.empty((len(given), *np.broadcast_shapes(*map(np.shape, given))))
+    for row, value in zip(each, given, strict=True):
+        row[...] = value
+    speed, full, empty = _balanced(_SUPPLY in figure, each.reshape(len(each), -1)).reshape(3, *each.shape[1:])
     extending = sign > 0
     pressures = np.where(extending, full, empty), np.where(extending, empty, full)
     return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
+
+
+def _balance(orifices, given):  # type: ignore[no-untyped-def]
+    """Where forces balance: (3, n) speeds without their sign, pressures of the side that fills and of the other one.
+
+    Args:
+        orifices: whether edges lose pressure with the square of the flow.
+        given: (15, n) speeds to begin with, areas of either side, flow, pressure lost over its square on either side,
+            supply, tank, leakage, 1 extending and -1 retracting, load, and figures of friction.
+    """
+    count = given.shape[1]
+    found = np.zeros((3, count))
+    past = np.zeros(count)  # the piston, from the side that fills
+    for k in range(count):
+        found[0, k] = given[0, k]
+    for _ in range(_ROUNDS):
+        settled = True
+        for k in range(count):
+            speed, lost = found[0, k], past[k]
+            fills, empties, flow, filling, drop = given[1, k], given[2, k], given[3, k], given[4, k], given[5, k]
+            supply, tank, leakage, sign, load = given[6, k], given[7, k], given[8, k], given[9, k], given[10, k]
+            coulomb, viscous, ratio, stribeck = given[11, k], given[12, k], given[13, k], given[14, k]
+            force = coulomb + viscous * speed + sign * load
+            slope = viscous
+            if ratio != 1.0:
+                excess = (ratio - 1) * exp(-((speed / stribeck) ** 2))
+                force = force + coulomb * excess
+                slope = slope - coulomb * excess * 2 * speed / stribeck**2
+            if orifices:
+                into, out = fills * speed + lost, empties * speed + lost
+                full = supply - filling * into * abs(into)
+                empty = tank + drop * out * abs(out)
+                falls, rises = -2 * filling * abs(into), 2 * drop * abs(out)
+                # Newton's step in the speed and in the flow past the piston
+                unbalanced, unmet = fills * full - empties * empty - force, leakage * (full - empty) - lost
+                by_speed = fills**2 * falls - empties**2 * rises - slope
+                by_past = fills * falls - empties * rises
+                met_by_speed, met_by_past = leakage * by_past, leakage * (falls - rises) - 1
+                determinant = by_speed * met_by_past - by_past * met_by_speed
+                moved = speed - (met_by_past * unbalanced - by_past * unmet) / determinant
+                lost = lost - (by_speed * unmet - met_by_speed * unbalanced) / determinant
+                least, most = 0.1 * speed, 2 * flow / min(fills, empties)
+            else:
+                full = (force + empties * (supply + tank)) / (fills + empties)
+                empty = supply + tank - full
+                lost = leakage * (full - empty)
+                least, most = 1e-9, np.inf
+            # What is not a number stays so, as no comparison with it holds.
+            lost = -flow if lost < -flow else flow if lost > flow else lost
+            if not orifices:
+                moved = (flow - lost) / fills
+            moved = least if moved < least else moved
+            moved = most if moved > most else moved
+            settled = settled and abs(moved - speed) <= _SETTLED * speed
+            found[0, k], found[1, k], found[2, k], past[k] = moved, full, empty, lost
+        if settled:
+            break
+    return found
+
+
+_balanced = as_machine_code(_balance, error_model="numpy")
 
 
 def stalled(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
