@@ -96,7 +96,7 @@ def test_paper_prototype(rows):
     assert row["moving_mass_kg"] == pytest.approx(row["beam_mass_kg"] + row["inner_end_mass_kg"])
 
 
-@pytest.mark.usefixtures("one_start")
+@pytest.mark.usefixtures("least_effort")
 def test_trade_curves(rows):
     (row,), _ = rows("trade_curves", 1)
     assert row["options.bandwidth_Hz"] == 4.0
