@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.build.tolerances import performance, why_no_box
+from beamdesign.build.tolerances import Performance, performance_of_all, why_no_box
 from beamdesign.controllers import Observer
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
@@ -16,8 +16,7 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.polynomial import at_points, exact
 from beamdesign.proofs.box import certify_box
-from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
+from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Beam, InStage, Prototype
@@ -147,14 +146,15 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
         tube_mass_kg=tube_mass_kg,
         end_mass_kg=record.end_mass_kg,
     )
-    stable = reached = None
+    stable: bool | None = None
+    reached: Performance = (None, None)
     if not same and after > 0:
-        reached = guaranteed_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
-        stable = reached is not None
+        reached = performance_of_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
+        stable = reached[0] is not None
     found, exchanged = lumped_beam(record), lumped_beam(other)
     return StockChoice(
         made, stock, same, after > 0, (found.stiffness, exchanged.stiffness), (found.mass, exchanged.mass),
-        (tube_mass_kg, exchanged_kg), (before, after), stable, *performance(reached),
+        (tube_mass_kg, exchanged_kg), (before, after), stable, *reached,
     )  # fmt: skip
 
 
@@ -294,32 +294,32 @@ def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: fl
     try:
         _lagging_stages(prototype, masses_kg, breaks[1])
     except ValueError:  # a law of the largest order has no room for a lag: nothing is proved with one
-        nominal = None
+        nominal: Performance = (None, None)
     else:
-        nominal = guaranteed_by_all(stages)
+        nominal = performance_of_all(stages)
 
-    def reaches(break_Hz: float) -> Guaranteed | None:
-        return guaranteed_by_all(_lagging_stages(prototype, masses_kg, break_Hz))
+    def reaches(break_Hz: float) -> Performance:
+        return performance_of_all(_lagging_stages(prototype, masses_kg, break_Hz))
 
     def stands(break_Hz: float) -> bool:
         lagged = _lagging_stages(prototype, masses_kg, break_Hz)
         return all(stability_over(stage.prototype, *stage.outer_end_mass_kg).stable for stage in lagged)
 
-    stable = performs = reached = None
-    if nominal is not None:
+    stable = performs = None
+    if nominal[0] is not None:
         if not why_no_box(stages[0].prototype):
             stable = _least(stands, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
             stable = None if 1.1 * stable >= breaks[1] else _of_four_digits(1.1 * stable)
         # never slower than it is stable from on: below that, what one break keeps a faster one may lose
         performs = _least(lambda f: _kept(reaches(f), nominal), (stable or breaks[0], breaks[1]))
-        reached = None if performs is None else reaches(performs)
+    reached = (None, None) if performs is None else reaches(performs)
     motion = prototype.goal.compliance_m_per_N * load_N
     band = max(noise_bandwidth_Hz(stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg)
     density = share * motion / sqrt(band)
     sensor = prototype.sensor
     return SensorNeed(
-        stable, breaks[1], performs, *performance(reached), motion, share, share * motion, band, density,
+        stable, breaks[1], performs, *reached, motion, share, share * motion, band, density,
         None if performs is None else density * sqrt(pi / 2 * performs), sensor.resolution_m,
         None if sensor.noise_V is None else sensor.noise_V / sensor.gain_V_per_m,
     )  # fmt: skip
@@ -355,12 +355,11 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     return all(map(proved, _lagging_stages(prototype, masses_kg, break_Hz)))
 
 
-def _kept(found: Guaranteed | None, nominal: Guaranteed) -> bool:
-    return (
-        found is not None
-        and found.bandwidth_Hz >= (1 - KEPT) * nominal.bandwidth_Hz
-        and found.peak_sensitivity <= (1 + KEPT) * nominal.peak_sensitivity
-    )
+def _kept(found: Performance, nominal: Performance) -> bool:
+    (bandwidth, peak), (own_bandwidth, own_peak) = found, nominal
+    if bandwidth is None or peak is None or own_bandwidth is None or own_peak is None:
+        return False
+    return bandwidth >= (1 - KEPT) * own_bandwidth and peak <= (1 + KEPT) * own_peak
 
 
 def _breaks_Hz(prototype: Prototype) -> tuple[float, float]:

@@ -1,17 +1,19 @@
 """Tolerances that keep the proof of stability: each figure alone, and all of them at once."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
 from beamdesign.plant.members import family
+from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.certifying import guaranteed_by_all
+from beamdesign.proofs.certifying import common_ranges, rectangles
+from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import decimal
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
@@ -89,9 +91,28 @@ def why_no_box(prototype: Prototype) -> str:
     return ""
 
 
-def performance(reached: Guaranteed | None) -> tuple[float | None, float | None]:
-    """Bandwidth and peak sensitivity that are proved."""
+Performance = tuple[float | None, float | None]
+"""Bandwidth, Hz, and peak sensitivity that are proved; none where a loop is not stable."""
+
+
+def performance(reached: Guaranteed | None) -> Performance:
+    """Of what is guaranteed."""
     return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
+
+
+def performance_of_all(stages: Iterable[InStage]) -> Performance:
+    """The worst with each law over its own payloads: of what `certify` proves these figures alone."""
+    found = []
+    for stage in stages:
+        (low_kg, high_kg), goal = stage.outer_end_mass_kg, stage.prototype.goal
+        ends = exact(low_kg), exact(high_kg)
+        proved = rectangles(stage.prototype, family(stage.prototype, high_kg), *ends)
+        if not common_ranges([part.stable for part in proved], *ends).stable:
+            return None, None
+        performing = [part.performing for part in proved if part.performing is not None]
+        peak = least_limit(performing, "peak_sensitivity", goal=goal.peak_sensitivity)
+        found.append((bandwidth(performing, goal.compliance_m_per_N), peak))
+    return min(hertz for hertz, _ in found), max(peak for _, peak in found)
 
 
 def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
@@ -144,14 +165,14 @@ def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: P
         progress(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
         share = shared.proved * weights[name]
         specified = float(decimal(share / SAFETY, 2, ROUND_FLOOR)) if share > 0 else 0.0  # as a workshop can be given
-        ends = None
+        ends: Performance = (None, None)
         if name in CHANGEABLE:
-            ends = guaranteed_by_all(
+            ends = performance_of_all(
                 stage._replace(prototype=with_figures(stage.prototype, {name: 1 + side * specified}))
                 for stage in stages
                 for side in (-1, 1)
             )
-        rows.append(FigureTolerance(name, *alone[name].times(_UNIT), share, specified, *performance(ends)))
+        rows.append(FigureTolerance(name, *alone[name].times(_UNIT), share, specified, *ends))
     figures = tuple(sorted(rows, key=lambda row: row.alone))
     return Tolerances(figures, *equal.times(_UNIT), stated, shared.certificates, equal.certificates)
 

@@ -100,15 +100,10 @@ class Samples:
 
     def joined(self, other: "Samples") -> "Samples":
         """With the points of another, in rows of their own."""
-        names = [field.name for field in fields(self)]
-        whole = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=-1) for name in names}
+        pairs = {one.name: (getattr(self, one.name), getattr(other, one.name)) for one in fields(self)}
+        whole = {name: np.concatenate(pair, axis=-1) for name, pair in pairs.items()}
         whole["row"] = np.append(self.row, other.row + self.row.max() + 1)
         return Samples(**whole)
-
-    @cached_property
-    def s(self) -> np.ndarray:
-        """(n,) complex frequency, rad/s."""
-        return 2j * pi * self.frequency_Hz
 
     @cached_property
     def onward(self) -> np.ndarray:
@@ -296,7 +291,7 @@ def slacks(
         slopes: whether to work out derivatives.
         unsettled: whether to work out anything of loops that are not settled; else no limit counts of them.
     """
-    s, own_variables = points.s, variables[: form.size]
+    s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
     inner = float(variables[form.size])
     own = form.responses(own_variables, s)
     of_own = form.slopes(own_variables, s) if slopes else None
