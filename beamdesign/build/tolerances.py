@@ -8,7 +8,6 @@ from typing import NamedTuple
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.certifying import common_ranges, rectangles
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
@@ -93,11 +92,6 @@ def why_no_box(prototype: Prototype) -> str:
 
 Performance = tuple[float | None, float | None]
 """Bandwidth, Hz, and peak sensitivity that are proved; none where a loop is not stable."""
-
-
-def performance(reached: Guaranteed | None) -> Performance:
-    """Of what is guaranteed."""
-    return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
 
 
 def performance_of_all(stages: Iterable[InStage]) -> Performance:
