@@ -151,6 +151,15 @@ def test_a_record_that_begins_without_numbers_is_empty(paper: Prototype):
         integrate(kinds, np.arange(3) * 1e-3, np.zeros((4, 2)), start, figures(rig), 1, 1.0)
 
 
+def test_a_record_ends_with_any_state_that_is_no_number(paper: Prototype):
+    """How fast the flow of the valve changes shows in no output before the next sample."""
+    rig = paper.but(controller=lag())
+    kinds = structure_of(rig)
+    start = np.zeros(len(assemble(kinds).states))
+    start[assemble(kinds).states.index("flow_m3_per_s2")] = np.inf
+    assert len(integrate(kinds, np.arange(3) * 1e-3, np.zeros((5, 2)), start, figures(rig), 1, 1.0)[0]) == 0
+
+
 def test_code_of_one_structure_serves_all_figures():
     assert compiled(Structure(LAG)) is compiled(Structure(LAG))
     assert compiled(Structure(LAG)) is not compiled(Structure(PROPORTIONAL))

@@ -23,7 +23,7 @@ from beamdesign.prototype import Payload, Tolerance
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_program import Block, sized_slack
-from beamdesign.synthesis.loop_samples import Design, first_miss, samples
+from beamdesign.synthesis.loop_samples import Design, first_miss, samples, slacks_of
 from beamdesign.synthesis.rig_spread import Cut, rig_spread
 from beamdesign.synthesis.sampled_frequencies import FINE_HZ
 
@@ -80,6 +80,18 @@ def test_sampled_plant_is_bilinear_in_the_masses_and_exact(paper: Prototype, fil
 def test_the_search_grid_is_fine_enough_for_a_mode_with_5_percent_damping():
     resonances = FINE_HZ[(FINE_HZ >= 1.0) & (FINE_HZ <= 600.0)]
     assert (resonances[1:] / resonances[:-1]).max() < 1.05
+
+
+@pytest.mark.parametrize(("gain", "at_full", "at_lower"), [(5.0, True, True), (1e3, False, False), (1e7, True, False)])
+def test_a_loop_that_lower_gains_lose_is_settled_where_these_do_not_count(paper: Prototype, gain, at_full, at_lower):
+    """L = k (s + 1)^2 / (100 s + 1)^3 is stable below a gain of 8 and far above, by the roots of 1 + L."""
+    closed = np.polyadd(np.poly1d([100.0, 1.0]) ** 3, gain * np.poly1d([1.0, 1.0]) ** 2)
+    assert (np.roots(closed).real < 0).all() == at_full
+    points = samples(paper_model(paper).polynomials(), np.geomspace(1e-4, 1e3, 600), [0.0])
+    s = 1j * points.frequency_Hz / 10.0
+    law = gain * (s + 1) ** 2 / (100 * s + 1) ** 3 / points.at(0.0)[1]
+    for lower, expected in ((False, at_full), (True, at_lower)):
+        assert slacks_of(points, paper.goal.but(lower_gains=lower), law, 0.0).settled == expected
 
 
 # The best gain.
