@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
+from lowest_edge import limit_cycles
 from plane_at_payload import at_tip
 
 from beamdesign import (
@@ -38,7 +39,6 @@ from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.limit_cycles import limit_cycles
 from beamdesign.plant.linear_reach import with_published_effects
 from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane

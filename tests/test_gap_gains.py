@@ -11,6 +11,7 @@ import pytest
 import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
 from honest_certificates import screw
+from lowest_edge import limit_cycles
 
 from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset, write_prototype
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
@@ -36,7 +37,6 @@ from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.plant.forced_motion import forced_motion
-from beamdesign.plant.limit_cycles import limit_cycles
 from beamdesign.prototype import Beam, Payload, Servovalve
 
 pytestmark = pytest.mark.long

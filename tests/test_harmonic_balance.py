@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from honest_certificates import screw
 from impulse_test import Kick, critical_gain_by_kicks, ringing
+from lowest_edge import limit_cycles, linear_critical_gain
 
 from beamdesign import Prototype, critical_gain, read_prototype, state_space
 from beamdesign.controllers import Lag, Proportional
@@ -15,7 +16,7 @@ from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.forced_motion import forced_motion
 from beamdesign.plant.harmonic_balance import FreeRig, NoBalance
-from beamdesign.plant.limit_cycles import LimitCycle, cycles_about_own, limit_cycles, linear_critical_gain
+from beamdesign.plant.limit_cycles import LimitCycle, cycles_about_own
 from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Payload
 

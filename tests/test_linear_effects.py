@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 import pytest
 from flint import fmpq, fmpq_mat, fmpq_poly
+from lowest_edge import linear_critical_gain
 from rigs_of_effects import with_effects
 from scipy.optimize import brentq
 
@@ -18,7 +19,6 @@ from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import Linear, Operation, causes, library
 from beamdesign.plant.effects.entrained_air import bulk_ratio
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.limit_cycles import linear_critical_gain
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Sensor
 

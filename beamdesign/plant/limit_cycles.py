@@ -71,52 +71,35 @@ class StabilityEdge:
     begins: bool
 
 
-def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0) -> CriticalGain:
-    """Lowest gain (A/V) at which the rig, linearised where it rests under a preload, begins to oscillate.
-
-    Args:
-        prototype: rig with its effects; the controller's breaks are kept.
-        outer_end_mass: payload, kg.
-        preload: constant force on the outer tip, N.
-
-    Raises:
-        ValueError: where there is none from 0.1 mA/V to 10 A/V, nor within a factor of 1000 of the prototype's own, as
-            with a deadband, which closes no loop at rest.
-    """
-    return _lowest((prototype,), outer_end_mass, preload).critical
-
-
-def _lowest(rigs: Sequence[Prototype], outer_end_mass: float, preload: float = 0.0) -> StabilityEdge:
-    """The lowest gain at which the first of these that oscillates at any begins to.
-
-    Raises:
-        ValueError: where none does.
-    """
-    found = (edge for rig in rigs for edge in _edges(rig, outer_end_mass, preload) if edge.begins)
-    if (first := next(found, None)) is None:
-        raise ValueError("the linearised loop begins to oscillate at no gain that was looked at")
-    return first
-
-
 def edges_about_own(prototype: Prototype, outer_end_mass: float = 0.0) -> tuple[StabilityEdge, ...]:
-    """The edges of stability next below and next above the prototype's own gain, looked for as `linear_critical_gain`.
+    """The edges of stability next below and next above the prototype's own gain.
 
-    A loop that is stable at every lower gain has none below.
+    A loop that is stable at every lower gain has none below. Where the effects close no loop at rest, as a dead band
+    does, they are those of the rig without them.
 
     Raises:
         ValueError: where an effect shakes the rig in time.
     """
     own = prototype.own_controller.gain_A_per_V
     for rig in (prototype, prototype.but(effects={})):
-        found = list(_edges(rig, outer_end_mass))
+        found = list(edges(rig, outer_end_mass))
         below, above = ([one for one in found if (one.critical.gain_A_per_V < own) is side] for side in (True, False))
         if found:
             return *below[-1:], *above[:1]
     return ()
 
 
-def _edges(prototype: Prototype, outer_end_mass: float, preload: float = 0.0) -> Iterator[StabilityEdge]:
-    """All edges, by ascending gain."""
+def edges(prototype: Prototype, outer_end_mass: float, preload: float = 0.0) -> Iterator[StabilityEdge]:
+    """All edges, by ascending gain: from 0.1 mA/V to 10 A/V, and within a factor of 1000 of the prototype's own.
+
+    Args:
+        prototype: rig with its effects; the controller's breaks are kept.
+        outer_end_mass: payload, kg.
+        preload: constant force on the outer tip, N, under which it rests.
+
+    Raises:
+        ValueError: where an effect shakes the rig in time.
+    """
     rig = FreeRig(prototype, outer_end_mass)
 
     def growth(logarithm: float) -> tuple[float, float]:
@@ -140,33 +123,25 @@ def _edges(prototype: Prototype, outer_end_mass: float, preload: float = 0.0) ->
 
 def limit_cycles(
     prototype: Prototype,
+    begin: StabilityEdge,
     amplitudes: Sequence[float],
-    outer_end_mass: float = 0.0,
+    outer_end_mass: float,
     harmonics: int = HARMONICS,
-    begin: StabilityEdge | None = None,
-) -> tuple[LimitCycle, ...]:
+) -> Iterator[LimitCycle]:
     """Gains at which the loop oscillates with given amplitudes, each found from the one before.
 
     Args:
         prototype: rig with its effects and a controller, whose gain does not matter.
+        begin: where their curve begins.
         amplitudes: of the displacement's first harmonic, m, in the order in which they are gone through; begin where
             the effects matter least.
         outer_end_mass: payload, kg.
         harmonics: how many; 1 gives the describing-function method.
-        begin: where their curve begins; else at the lowest gain at which the loop begins to oscillate.
 
     Raises:
         NoBalance: where no balance is found at one of them.
-        ValueError: where an effect shakes the rig in time, or no linear loop is found to begin from.
+        ValueError: where an effect shakes the rig in time.
     """
-    begin = begin or _lowest((prototype, prototype.but(effects={})), outer_end_mass)
-    return tuple(_curve(prototype, begin, amplitudes, outer_end_mass, harmonics))
-
-
-def _curve(
-    prototype: Prototype, begin: StabilityEdge, amplitudes: Sequence[float], outer_end_mass: float, harmonics: int
-) -> Iterator[LimitCycle]:
-    """As `limit_cycles`, one by one."""
     rig = FreeRig(prototype, outer_end_mass)
     first, linear = begin.critical, FreeRig(begin.prototype, outer_end_mass)
     # Of a rig without effects its oscillation stands among the states of the one with them.
@@ -205,7 +180,7 @@ def cycles_about_own(
         if edge.prototype is prototype:
             for amplitude in amplitudes:
                 with suppress(ValueError):
-                    found.append((amplitude, limit_cycles(prototype, [amplitude], outer_end_mass, begin=edge)[0]))
+                    found += zip([amplitude], limit_cycles(prototype, edge, [amplitude], outer_end_mass), strict=True)
         else:
             found += reversed([*_downwards(prototype, edge, amplitudes, outer_end_mass)])
     return tuple(found)
@@ -224,7 +199,7 @@ def _downwards(
     path.append(amplitudes[0])
     before = edge.critical.frequency_Hz
     with suppress(ValueError):
-        for amplitude, cycle in zip(path, _curve(prototype, edge, path, outer_end_mass, HARMONICS), strict=True):
+        for amplitude, cycle in zip(path, limit_cycles(prototype, edge, path, outer_end_mass), strict=True):
             leapt = abs(log(cycle.motion.frequency_Hz / before)) > _LEAP and amplitude < amplitudes[-1]
             if leapt or cycle.gain_A_per_V > _FAR * edge.critical.gain_A_per_V:
                 return

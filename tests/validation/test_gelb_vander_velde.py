@@ -7,10 +7,10 @@ appendix B: limiter, relay and dead zone under a sine of amplitude A.
 from math import asin, pi, sqrt
 
 import pytest
+from lowest_edge import limit_cycles
 
 from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Proportional
-from beamdesign.plant.limit_cycles import limit_cycles
 
 
 def limiter(ratio: float) -> float:

@@ -10,13 +10,13 @@ from math import pi, sqrt
 
 import numpy as np
 import pytest
+from lowest_edge import linear_critical_gain
 
 from beamdesign import Prototype, critical_gain, simulate
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.limit_cycles import linear_critical_gain
 from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 

@@ -32,10 +32,6 @@ NOTES = {
     "arm": "Payload's centre and sensors from the tip: along the beam, sideways, upwards.",
     "plane": "The direction in which the tip moves; of the outer beam the length, and torsion where it takes part.",
 }
-METHOD = (
-    "exact rational arithmetic: bending and torsion in one polynomial affine in the payload, every payload with a root"
-    " on the imaginary axis isolated, one Routh test per range between them"
-)
 
 
 @dataclass(frozen=True)
