@@ -20,15 +20,7 @@ from beamdesign.loop import loop
 from beamdesign.parameters import rows_of
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantities import (
-    decimal,
-    masses_text,
-    per_cent,
-    quantity,
-    rigs_in_words,
-    stated_bandwidth,
-    stated_peak,
-)
+from beamdesign.quantities import decimal, masses_text, per_cent, quantity, rigs_in_words, stated_bandwidth, stated_peak
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import in_page
 from beamdesign.report.charts import TradePoint, read_trade

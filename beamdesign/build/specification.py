@@ -158,10 +158,7 @@ class Specification(Result):
             tightest, share = tolerances.figures[0], decimal(100 * tolerances.equal, 3, ROUND_FLOOR)
             alone = f"± {decimal(100 * tightest.alone, 3, ROUND_FLOOR)} %"
             name = f"tightest figure alone: {tightest.name}" if tightest.alone < LARGEST else "each figure alone"
-            rows += [
-                (name, alone, "proved"),
-                ("all figures at once, equal shares", f"± {share} %", "proved"),
-            ]
+            rows += [(name, alone, "proved"), ("all figures at once, equal shares", f"± {share} %", "proved")]
         return rows
 
 

@@ -82,12 +82,7 @@ class Expression:
         circle: of the unknown, None where p has none.
     """
 
-    def __init__(
-        self,
-        table: Table,
-        whole: Table | None = None,
-        circle: Circle | None = None,
-    ) -> None:
+    def __init__(self, table: Table, whole: Table | None = None, circle: Circle | None = None) -> None:
         stated, self.circle = (whole or table).table("range"), circle
         self.ranges = {_name(name, stated): stated.range(name) for name in stated.keys}
         self.own = Table({}, "range") if whole is None else table.optional("range")

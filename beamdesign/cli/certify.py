@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    OutFile,
-    by_stage,
-    command,
-    mass_range,
-    with_controller,
-)
+from beamdesign.cli.command import CommandResult, Figure, OutFile, by_stage, command, mass_range, with_controller
 from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.result import picked
 from beamdesign.time_limit import within

@@ -358,9 +358,7 @@ def write_drawn(out: Path, name: str, figure: Any, rows: Sequence[dict[str, Any]
 
 
 def by_stage(
-    record: "Prototype",
-    masses_kg: tuple[float, float],
-    work: "Callable[[InStage], tuple[dict[str, Any], bool]]",
+    record: "Prototype", masses_kg: tuple[float, float], work: "Callable[[InStage], tuple[dict[str, Any], bool]]"
 ) -> CommandResult:
     """Do the work of a command stage by stage, and give its answer; a controller of one law is its only stage.
 

@@ -289,10 +289,7 @@ def codesign(
     ]
     title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved for {rigs_in_words(point.proved.sigmas)}"
     echo_table(title, ("figure", "value"), rows)
-    return CommandResult(
-        paths | found.to_dict() | {"guaranteed": proved} | limit,
-        files=paths.values(),
-    )
+    return CommandResult(paths | found.to_dict() | {"guaranteed": proved} | limit, files=paths.values())
 
 
 _REMEDY = ("remedy", "bandwidth_Hz", "added_mass_kg", "controllers", "reason")

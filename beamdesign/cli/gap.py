@@ -32,11 +32,7 @@ _Workers = Annotated[int, typer.Option(min=1, max=64)]
 @gap.command()
 @command
 def diagnose(
-    dataset: Path,
-    out: Path | None = None,
-    redesign: bool = False,
-    workers: _Workers = 2,
-    minutes: float | None = None,
+    dataset: Path, out: Path | None = None, redesign: bool = False, workers: _Workers = 2, minutes: float | None = None
 ) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 

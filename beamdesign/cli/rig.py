@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.certify import echo_aside
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    by_stage,
-    command,
-    mass_range,
-    with_controller,
-    write_drawn,
-)
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, mass_range, with_controller, write_drawn
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 
 if TYPE_CHECKING:

@@ -40,11 +40,7 @@ _CERTAIN = 30.0  # in the logarithm of odds: more is no more
 
 
 def explain_gains(
-    data: Dataset,
-    workers: int = 1,
-    progress: Progress = silent,
-    kept: FitCache | None = None,
-    doubtful: bool = False,
+    data: Dataset, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None, doubtful: bool = False
 ) -> Diagnosis[Prototype]:
     """Diagnose from critical gains and frequency responses.
 

@@ -120,12 +120,7 @@ def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
 
 
 def _fitted(
-    data: Dataset,
-    alone: Sequence[Hypothesis],
-    before: Search,
-    workers: int,
-    progress: Progress,
-    kept: FitCache | None,
+    data: Dataset, alone: Sequence[Hypothesis], before: Search, workers: int, progress: Progress, kept: FitCache | None
 ) -> tuple[Dataset, list[Fit]]:
     """Laws at a look, the best of them in full; where a listed cause explains a part, beside it as well.
 

@@ -209,8 +209,7 @@ class Box:
 
 
 def box_of(
-    ranges: Mapping[str, tuple[float | fmpq, float | fmpq]],
-    nominal: Mapping[str, float | fmpq] | None = None,
+    ranges: Mapping[str, tuple[float | fmpq, float | fmpq]], nominal: Mapping[str, float | fmpq] | None = None
 ) -> Box:
     """A box from ranges by name; floats count as their shortest decimals, nominal values default to the middles.
 

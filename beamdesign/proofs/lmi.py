@@ -307,10 +307,7 @@ Found = tuple[Course, np.ndarray]
 
 
 def sought_with(
-    families: Families,
-    sought: Sought,
-    coordinates: np.ndarray,
-    solvers: Sequence[str] = SOLVERS[:1],
+    families: Families, sought: Sought, coordinates: np.ndarray, solvers: Sequence[str] = SOLVERS[:1]
 ) -> Found:
     """Ask solvers, one after another, until an answer passes the exact check.
 

@@ -68,10 +68,7 @@ def frequency_grid(loops: Sequence[LoopAtMass], wider: float = 1.0) -> np.ndarra
 
 
 def plot_compliance(
-    axes: Axes,
-    curves: Curves,
-    limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N,
-    beside: Curves = MappingProxyType({}),
+    axes: Axes, curves: Curves, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N, beside: Curves = MappingProxyType({})
 ) -> Axes:
     """Closed-loop compliance |x / F_d| over frequency: m/N on the left, dB re 1 in/lbf on the right.
 
@@ -144,12 +141,7 @@ def _decibel_axis(axes: Axes) -> None:
     axes.patch.set_visible(False)
 
 
-def plot_loop_bode(
-    magnitude: Axes,
-    phase: Axes,
-    curves: Curves,
-    marked: Collection[str] = (),
-) -> tuple[Axes, Axes]:
+def plot_loop_bode(magnitude: Axes, phase: Axes, curves: Curves, marked: Collection[str] = ()) -> tuple[Axes, Axes]:
     """Bode diagram of the loop transfer function L with the lines |L| = 1 and -180 degrees, where stability is decided.
 
     Args:

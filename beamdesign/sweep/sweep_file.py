@@ -128,10 +128,7 @@ PICTURES: dict[str, tuple[dict[str, tuple[Kind, ...]], tuple[str, ...]]] = {
     "bars": ({"x": _ANY, "y": _FIGURES}, ()),
     "map": ({"x": _ANY, "y": _ANY, "series": _FIGURES}, ()),
     "lag_breaks": ({"x": ("numbers",)}, ("stable_zero_from_Hz", "stable_zero_to_Hz")),
-    "end_masses": (
-        {"x": ("numbers",)},
-        ("stable_from_kg", "stable_to_kg", "crossings_kg", "crossing_frequencies_Hz"),
-    ),
+    "end_masses": ({"x": ("numbers",)}, ("stable_from_kg", "stable_to_kg", "crossings_kg", "crossing_frequencies_Hz")),
     "histogram": ({"x": _FIGURES}, ()),
 }
 """Of each kind of picture: the columns that it is told, with what they may hold, and the lists that it draws."""

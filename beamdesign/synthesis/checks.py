@@ -161,10 +161,7 @@ def checks(
         Checks, always the same ones in the same order for the same problem.
     """
     asked = asked or requirements(problem)
-    cases = (
-        ("outer", "servo off", problem.outer_beam, outer),
-        ("inner", "servo on", problem.inner_beam, inner),
-    )
+    cases = (("outer", "servo off", problem.outer_beam, outer), ("inner", "servo on", problem.inner_beam, inner))
     found: list[Check] = []
     for (name, case, beam_asked, tube), given in zip(cases, factors or (None, None), strict=True):
         alloy, moment = beam_asked.material, asked.tip_force_N * beam_asked.free_length_m

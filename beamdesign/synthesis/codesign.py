@@ -207,11 +207,7 @@ def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
 
 
 def sized_search(
-    problem: DesignProblem,
-    sections: Sections,
-    masses_kg: tuple[float, float],
-    sigmas: float,
-    most_inside: float = inf,
+    problem: DesignProblem, sections: Sections, masses_kg: tuple[float, float], sigmas: float, most_inside: float = inf
 ) -> Search:
     """The search for a law of a problem and for sections, begun with those of tubes that there are.
 

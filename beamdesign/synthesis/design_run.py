@@ -90,10 +90,7 @@ class DesignRun(Result):
 
 @takes("DesignProblem")
 def run_design(
-    problem: DesignProblem,
-    progress: Progress | None = None,
-    sigmas: float = SIGMAS,
-    minutes: float | None = None,
+    problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
 ) -> DesignRun:
     """Size, tune and certify; where that gives no design, seek what of the study to change.
 

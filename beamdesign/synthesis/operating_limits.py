@@ -171,10 +171,7 @@ def needs_to_carry(
 
 
 def envelope(
-    prototype: Prototype,
-    outer_end_mass: float = 0.0,
-    preload: float = 0.0,
-    frequency_Hz: np.ndarray | None = None,
+    prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0, frequency_Hz: np.ndarray | None = None
 ) -> Envelope:
     """Largest amplitude of a sinusoidal force on the tip that every limit of the actuator allows.
 
@@ -336,10 +333,7 @@ class Limits(Result):
 
 @takes("Prototype")
 def limits(
-    prototype: Prototype,
-    outer_end_mass_kg: float | None = None,
-    preload_N: float = 0.0,
-    progress: Progress = silent,
+    prototype: Prototype, outer_end_mass_kg: float | None = None, preload_N: float = 0.0, progress: Progress = silent
 ) -> Limits:
     """Work out the limits of a prototype and of its linear model.
 

@@ -62,12 +62,10 @@ TEMPLATES = {
         ),
     ),
     "scenario": Template(
-        "what is done to a rig in a simulation",
-        ("beamdesign simulate PROTOTYPE --scenario {it} --out results/{name}",),
+        "what is done to a rig in a simulation", ("beamdesign simulate PROTOTYPE --scenario {it} --out results/{name}",)
     ),
     "bench-scenario": Template(
-        "what an actuator bench is told to do",
-        ("beamdesign simulate BENCH --scenario {it} --out results/{name}",),
+        "what an actuator bench is told to do", ("beamdesign simulate BENCH --scenario {it} --out results/{name}",)
     ),
     "dataset": Template(
         "a folder for what came back from a rig, with the model that was believed",

@@ -102,11 +102,7 @@ NO_GAP = Where("", (0.0, 0.0), "", sentence="Tolerances leave no gap to place.")
 
 
 def locate(
-    search: Search,
-    chosen: Fit,
-    evidence: Sequence[object],
-    causes: Sequence[Cause] = (),
-    unknown: float = 0.0,
+    search: Search, chosen: Fit, evidence: Sequence[object], causes: Sequence[Cause] = (), unknown: float = 0.0
 ) -> Where:
     """Find where the gap lies.
 
