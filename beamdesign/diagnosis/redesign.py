@@ -188,10 +188,7 @@ class Redesign:
 
 
 def redesign(
-    diagnosed: Prototype,
-    outer_end_mass_kg: tuple[float, float],
-    progress: Progress | None = None,
-    minutes: float | None = None,
+    diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
 ) -> Redesign:
     """Tune a controller of the same kind for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
 
@@ -202,9 +199,8 @@ def redesign(
         diagnosed: with its effects, and the controller that it had.
         outer_end_mass_kg: range of payload.
         progress: told the share done and what is being done.
-        minutes: after about which the best that was proved until then is the answer.
     """
-    with within(minutes) as limit:
+    with within(None) as limit:
         found = _redesigned(diagnosed, outer_end_mass_kg, progress)
     return replace(found, left_out=tuple(limit.left_out))
 

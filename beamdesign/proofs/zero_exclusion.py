@@ -13,10 +13,9 @@ its summands, where each keeps clear of zero: whose phase is uncertain, such a l
 resonance, where its parts are large and cancel, by more than is left of them. Over the quotient the lags turn the
 others alone, which are small there. Their inverses lie in the hull of points too (`Balls.inverted`).
 
-The tree is in prefix order, each cut followed by its
-lower and its upper side, so that the pieces fill the box by construction. A variable is cut in the middle of its range,
-or of its reciprocal's where it enters by that. All values are exact rationals, or floats with a bound of
-their error (`beamdesign.proofs.frames`).
+The tree is in prefix order, each cut followed by its lower and its upper side, so that the pieces fill the box by
+construction. A variable is cut in the middle of its range, or of its reciprocal's where it enters by that. All values
+are exact rationals, or floats with a bound of their error (`beamdesign.proofs.frames`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -109,10 +108,6 @@ def coefficients(cell: Cell) -> _Ranges:
     return cell.statement.body.fold(one, add, multiply)
 
 
-def _most(interval: Interval) -> fmpq:
-    return max(abs(interval[0]), abs(interval[1]))
-
-
 def _times(a: Interval, b: Interval) -> Interval:
     ends = [x * y for x in a for y in b]
     return min(ends), max(ends)
@@ -120,7 +115,7 @@ def _times(a: Interval, b: Interval) -> Interval:
 
 def _sizes(ranges: Sequence[Interval]) -> fmpq_poly:
     """The largest sizes of coefficients."""
-    return fmpq_poly([_most(interval) for interval in ranges])
+    return fmpq_poly([max(map(abs, interval)) for interval in ranges])
 
 
 class Piece(NamedTuple):

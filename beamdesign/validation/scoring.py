@@ -322,9 +322,8 @@ def calibration(outcomes: Sequence[Outcome]) -> tuple[tuple[Bin, ...], float]:
     Statements are: each cause that is listed is at work; there is no gap; it is something outside the library.
 
     Returns:
-        bins of probability with any statement in them, and the mean distance of stated from true, weighed by
-        statements (M. P. Naeini, G. Cooper, M. Hauskrecht, Obtaining well calibrated probabilities using Bayesian
-        binning, 2015).
+        bins of probability with any statement in them, and the mean distance of stated from true, weighed by statements
+        (M. P. Naeini, G. Cooper, M. Hauskrecht, Obtaining well calibrated probabilities using Bayesian binning, 2015).
     """
     stated = [
         pair
