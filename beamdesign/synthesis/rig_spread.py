@@ -102,10 +102,7 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
 
     Raises:
         InputError: where no figure has a tolerance, or one could reach zero.
-        ValueError: for sigmas that are not positive.
     """
-    if not sigmas > 0:
-        raise ValueError("robust against nothing: sigmas must be positive")
     if not (deviations := deviations_of(prototype)):
         reason = (
             "no figure of the rig has one: state some of its own, leave them all out for typical ones, or ask for"

@@ -304,14 +304,9 @@ class _Search:
 
 
 def carried_out(prototype: Prototype, found: EndStiffness) -> Design:
-    """Write the controller of a law into its prototype, and the proofs.
-
-    Raises:
-        ValueError: for a controller that was judged as it is.
-    """
+    """Write the controller of a law that was searched into its prototype, and the proofs."""
     law, masses_kg = found.law, found.outer_end_mass_kg
-    if law is None:
-        raise ValueError("a controller that was judged as it is has no law to be carried out")
+    assert law is not None  # else its controller was judged as it is
     inside = prototype.payload.inner_end_mass_kg
     rig = prototype.with_law(controller_of(prototype, law), masses_kg, inside).but(compliance=law)
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
