@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import tomli_w
 
-from beamdesign.build.tolerances import why_no_box
 from beamdesign.columns import write_tables
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
@@ -194,8 +193,6 @@ def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]
 
 def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float], sampled: float) -> float | None:
     """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
-    if why_no_box(prototype):
-        return None
     values = rig_values(prototype)
     own, rig = prototype.own_controller, prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
     ranges = {
