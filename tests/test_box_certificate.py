@@ -7,6 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from math import pi, sqrt
 from pathlib import Path
@@ -348,6 +349,21 @@ def test_effects_in_the_box(rig: Prototype, effects: dict[str, dict[str, float]]
         for key, value in effect["elements"].items():
             if isinstance(value, str):
                 assert refused(rewritten(verdict.certificate, "effect", one, "elements", key, to=f"{value} + 0.01"))
+
+
+def test_a_box_that_leaves_out_some_of_what_effects_make_of_a_figure_is_not_valid(rig: Prototype) -> None:
+    """Half of a span, whichever holds the member that the text is about: the other half is of the rig as well."""
+    loaded = rig.but(effects=EFFECTS["friction"], controller=rig.controller.but(gain_A_per_V=0.4))
+    verdict = certify_box(loaded, tolerance_box(loaded, 0.2, ["flow_gain"]), volumes=False)
+    table, looked_at = tomllib.loads(verdict.certificate), 0
+    for key, ends in table["range"].items():
+        low, high = map(Fraction, ends)
+        if low < high and key not in ("flow_gain", "outer_end_mass"):
+            middle, at, looked_at = (low + high) / 2, Fraction(table["member"][key]), looked_at + 1
+            half = [str(end) for end in ((low, middle) if at <= middle else (middle, high))]
+            failed = check(rewritten(verdict.certificate, "range", key, to=half)).failed
+            assert any("leaves out some of" in words for words in failed), key
+    assert looked_at > 0
 
 
 def test_lag_and_gain_may_vary(rig: Prototype) -> None:

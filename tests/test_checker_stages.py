@@ -226,6 +226,16 @@ def test_what_is_not_of_the_format_is_unreadable(name: str, before: str, after: 
         check(sealed_text(changed))
 
 
+def test_a_claim_is_of_payloads_that_the_certificate_is_about() -> None:
+    """Of a law that is stable far beyond them: it would hold, but of a rig that nobody has compared there."""
+    table = tomllib.loads(made("filtered")[0])
+    assert table["outer_end_mass_kg"] == table["claim"][0]["outer_end_mass_kg"] == ["0", "1"]
+    for ends in (["0", "1.001"], ["1", "1"], ["0.5", "0.4"]):
+        table["claim"][0]["outer_end_mass_kg"] = ends
+        with pytest.raises(Unreadable, match="outer_end_mass_kg"):
+            check(sealed_text(tomli_w.dumps(table)))
+
+
 # The prototype.
 
 

@@ -16,7 +16,7 @@ from sensor_value import SensorRow, payload_text, plot_sensor_value
 from similar import EIGHTH, similar
 
 from beamdesign import Prototype, certify, read_prototype
-from beamdesign.controllers import SENSED
+from beamdesign.controllers import SENSED, Observer
 from beamdesign.controllers.observer import block_form, rounded
 from beamdesign.controllers.protocol import Form
 from beamdesign.loop import loop, rig_loop
@@ -211,6 +211,19 @@ def test_block_form_keeps_a_controller(shipped: Prototype) -> None:
     guaranteed = certify(shipped.but(controller=record, guarantee=None), 0.0, 6.8).guaranteed
     assert guaranteed is not None
     assert guaranteed.bandwidth_Hz == pytest.approx(16.4459, abs=2e-4)
+
+
+def test_a_law_that_is_tuned_further_begins_where_it_stands() -> None:
+    """A lone real pole beside a pair, two sensors and a gain; a law that is not stable has no such form."""
+    a = np.array([[-30.0, 200.0, 0.0], [-200.0, -30.0, 0.0], [0.0, 1.0, -11.0]])
+    b, c, d = np.array([[3.0, 1e-6], [0.5, -2e-6], [0.0, 4e-6]]), np.array([20.0, -7.0, 5.0]), np.array([0.1, 3e-8])
+    heard = ("displacement_m", "load_pressure_Pa")
+    opened = Observer.of(0.2, heard, a, b, c, d).form()
+    assert opened is not None
+    s = 2j * pi * np.geomspace(0.1, 1e3, 40)
+    expected = [0.2 * (c @ np.linalg.solve(one * np.eye(3) - a, b) + d) for one in s]
+    np.testing.assert_allclose(opened[0].responses(opened[1], s).T, expected, rtol=1e-7)
+    assert Observer.of(0.2, heard, -a, b, c, d).form() is None
 
 
 def test_bode_integral_of_the_shipped_loop(shipped: Prototype) -> None:
