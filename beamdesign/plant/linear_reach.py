@@ -299,9 +299,7 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
     sensed = figure["sensor_gain"] * c_o * force
     if prototype.sensor.filter_Hz is not None:
         sensed = sensed / (1 + s / figure["filter_frequency"])
-    law = {"displacement_m": np.ones_like(s)}
-    if prototype.controller is not None:
-        law = prototype.controller.sensor_responses(frequency_Hz)
+    law = prototype.own_controller.sensor_responses(frequency_Hz)
     felt = law.get(actuator.feels[0], 0.0) / figure.get("piston_area", 1.0)
     per_force = felt - law.get("inner_displacement_m", 0.0) * c_i
     back = sensed * law["displacement_m"] + per_force * force
@@ -316,11 +314,9 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
         outer_end_mass: payload, kg; the inner end mass is the prototype's.
 
     Raises:
-        InputError: where the geometry is missing, or the controller.
-        ValueError: where no gain makes the loop oscillate.
+        InputError: where the geometry is missing.
+        ValueError: without a controller, or where no gain makes the loop oscillate.
     """
-    if prototype.controller is None:
-        raise InputError(prototype.name, [("controller", "missing; the modes are judged in the loop")])
     grid = np.unique(np.concatenate([np.geomspace(0.1, 10.0, 200), np.geomspace(10.0, _HIGHEST_HZ, 40_000)]))
     masses = {"outer_beam": outer_end_mass, "inner_beam": prototype.payload.inner_end_mass_kg}
     beams = {name: _cantilever(getattr(prototype, name), name) for name in masses}
