@@ -161,14 +161,6 @@ class Scheduled(Controller):
         """Its kind and how many laws it has."""
         return f"{self.kind}, {len(self.stage)} laws"
 
-    def summary(self) -> list[tuple[str, str]]:
-        """The law of every stage in one row."""
-        rows = []
-        for k, (law, (low, high)) in enumerate(self.laws, start=1):
-            more = f", {len(law.sections)} sections" if law.sections else ""
-            rows.append((f"stage {k}, {low:g} to {high:g} kg", f"{law.gain_A_per_V:g} A/V, {law.words(6)}{more}"))
-        return rows
-
     def rows(self) -> list[Row]:
         """The figures of every stage, one after the other."""
         return [
