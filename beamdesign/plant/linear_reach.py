@@ -327,7 +327,7 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
     reached = [_agrees_up_to(one[name](grid), all_modes[name](grid), grid) for name in masses]
 
     low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
-    gain = prototype.controller.gain_A_per_V
+    gain = prototype.own_controller.gain_A_per_V
     limit = critical_gain(prototype.but(effects={}), outer_end_mass, from_own=True).gain_A_per_V
     limit_all, at = _critical_gain(full.loop_per_gain, grid, gain)
     near, exact = (part.closed(gain) for part in (low, full))
