@@ -6,8 +6,9 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import count
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
+from time import sleep
 
 import pytest
 from gap_sets import believed, measured, only, scenario
@@ -33,6 +34,7 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.diagnose import _beside
 from beamdesign.diagnosis.fitting import fitters
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.fit import Task, fit_cache
@@ -121,6 +123,22 @@ def test_processes_that_were_begun_within_a_look_outlive_its_time(slow: Dataset)
             heed()
     assert found.hypothesis == NOTHING
     assert not found.reason
+
+
+def test_what_is_begun_beside_is_waited_for_as_long_as_there_is_time():
+    """In processes of their own, which end with the block; with one worker it is done where it is asked for."""
+    for workers in (1, 2):
+        with within(1.0), _beside(workers) as begun:
+            assert begun(pow, 2, 10)() == 1024
+    before = active_children()
+    with within(1e-3, lambda: 0.0), _beside(2) as begun:
+        endless = begun(sleep, 1e6)
+        with pytest.raises(TimeUp):
+            endless()
+        assert active_children() != before
+    assert active_children() == before
+    with within(0.0), _beside(1) as begun, pytest.raises(TimeUp):
+        begun(pow, 2, 10)()
 
 
 def test_a_diagnosis_without_time_is_sure_of_nothing(slow: Dataset):
