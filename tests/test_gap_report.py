@@ -184,6 +184,19 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
     assert "<figure" not in text
 
 
+def test_a_law_that_was_learnt_is_drawn_over_its_signal(found: Diagnosis) -> None:
+    """As its table has it; a cause without one has no curve."""
+    x = np.linspace(-2e-3, 2e-3, 9)
+    table = {"current_A": tuple(x), "added_A": tuple(-0.1 * x), "std_A": tuple(0.01 * np.abs(x))}
+    learnt = Cause("empirical:current_A", "amplifier", 0.9, 0.8, like="a dead band", table=table)
+    page = gap_report_html(replace(found, causes=(learnt, *found.causes), chosen=(learnt.name,)), {})
+    assert "a law at the port current A, like a dead band: what it adds, within two deviations" in page
+    assert "curve0-" in page
+    assert "curve1-" not in page
+    for words in (">current_A<", ">added_A<"):
+        assert words in page
+
+
 def test_figures_have_units_and_what_was_left_out_has_words(found: Diagnosis) -> None:
     pairs = tuple(f"sensor_lag + parameter:flow_gain {k}" for k in range(20))
     page = gap_report_html(replace(found, next_experiment=None, left_out=pairs), {"json": "d.json"})

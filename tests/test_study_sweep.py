@@ -482,6 +482,16 @@ def test_a_column_of_yes_and_no_has_its_histogram(sweep, command, tmp_path):
     assert any(Path(path).name == "picture.svg" for path in fields["files"])
 
 
+def test_a_map_has_a_mark_for_every_case_and_a_cross_where_the_answer_is_no(sweep, command, tmp_path):
+    masses, gains = MASSES | {"values": [0.0, 20.0]}, {"key": "controller.gain_A_per_V", "values": [0.05, 0.15]}
+    picture = {"kind": "map", "x": masses["key"], "y": gains["key"], "series": "bandwidth_Hz"}
+    _, _, fields = command("run", sweep(vary=[masses, gains], picture=[picture]), "--out", tmp_path / "out")
+    drawn = (tmp_path / "out" / "picture.svg").read_text(encoding="utf-8")
+    assert fields["counts"].keys() == {"done", "no"}
+    for words in ("bandwidth, Hz", "outer end mass, kg", ">no<"):
+        assert words in drawn
+
+
 def test_picture_without_data_says_so(sweep, command, tmp_path):
     asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz", "title": "$\\frac$"}
     path = sweep(vary=[MASSES | {"values": [0.0, 20.0]}], picture=[asked])
