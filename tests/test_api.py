@@ -270,6 +270,9 @@ def test_figures_that_no_option_may_state_are_refused_by_functions_too():
             ask()
     with pytest.raises(InputError, match="a lag controller reads the displacement alone"):
         beamdesign.tune(firm, (0.0, 1.0), sensors=("displacement_m", "inner_displacement_m"))
+    for sensors in (("inner_displacement_m",), ("inner_displacement_m", "displacement_m"), ()):
+        with pytest.raises(InputError, match="sensors: must begin with 'displacement_m', whose volts close the loop"):
+            beamdesign.tune(firm, (0.0, 1.0), "lqg", sensors=sensors)
     with pytest.raises(InputError, match="no bandwidth"):
         beamdesign.front(STUDY, [])
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from bench_records import MEAN, STROKE, SUPPLY, Truth, write_set
 
-from beamdesign import InputError, predict, read_prototype
-from beamdesign.bench_prototype import read_bench_prototype
+from beamdesign import InputError, predict, read_bench_prototype, read_prototype
 
 VOLTS, FLOW_GAIN = 2.0, 9e-6
 TWIN = Path(__file__).parents[1] / "studies/prototypes/tame_lag.toml"

@@ -1,7 +1,7 @@
 """Kinds of controller: what a command may ask of a law, and what it is refused with which reason."""
 
 from beamdesign.controllers.cascade import Break, Cascade, Lag, Proportional, Section, Structured
-from beamdesign.controllers.observer import Observer
+from beamdesign.controllers.observer import Observer, wrong_sensors
 from beamdesign.controllers.protocol import (
     KINDS,
     SENSED,
@@ -18,6 +18,7 @@ from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
 __all__ = [
     "KINDS", "SENSED", "SENSORS", "Break", "Cascade", "Controller", "Estimator", "Lag", "Observer", "Proportional",
     "Scheduled", "Section", "Sensed", "SensedLaw", "Stage", "Structured", "TransferFunction", "refuse", "register",
+    "wrong_sensors",
 ]  # fmt: skip
 
 for kind in (Proportional, Lag, Structured, Observer, Scheduled):

@@ -201,10 +201,7 @@ class Observer(Controller):
         given = (_entries(table.get(key)) for key in ("sensors", "a", "b", "c", "d", "b_command"))
         sensors, a, b, c, d, commanded = given
         if sensors is not None:
-            if not sensors or sensors[0] != SENSED[0]:
-                yield Problem("sensors", f"must begin with {SENSED[0]!r}, whose volts close the loop")
-            for name in dict.fromkeys(name for name in sensors if sensors.count(name) > 1):
-                yield Problem("sensors", f"{name!r} stands there more than once")
+            yield from wrong_sensors(sensors)
         if a is not None:
             if len(a) > LARGEST_ORDER:
                 yield Problem("a", f"is of order {len(a)}; at most {LARGEST_ORDER} can be")
@@ -218,6 +215,14 @@ class Observer(Controller):
             if b is not None:
                 yield from _widths("b", b, len(sensors), "one per sensor")
             yield from _counted("d", d, "an entry", len(sensors), "sensors")
+
+
+def wrong_sensors(sensors: Sequence[str]) -> Iterator[Problem]:
+    """What is wrong with a list of sensors."""
+    if not sensors or sensors[0] != SENSED[0]:
+        yield Problem("sensors", f"must begin with {SENSED[0]!r}, whose volts close the loop")
+    for name in dict.fromkeys(name for name in sensors if sensors.count(name) > 1):
+        yield Problem("sensors", f"{name!r} stands there more than once")
 
 
 def _listed(row: Sequence[float]) -> str:

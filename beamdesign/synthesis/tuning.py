@@ -25,7 +25,7 @@ from math import ceil, floor, log10, pi, prod
 import numpy as np
 
 from beamdesign.arguments import checked, takes
-from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
+from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage, wrong_sensors
 from beamdesign.controllers.scheduled import STAGES
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
@@ -186,7 +186,7 @@ def tune(
     checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}; expected one of {', '.join(tunable())}, scheduled")
-    wrong = list(not_felt(type(prototype.actuator), sensors, "controller"))
+    wrong = [*not_felt(type(prototype.actuator), sensors, "controller"), *wrong_sensors(sensors)]
     if len(sensors) > 1 and kind not in SYNTHESES:
         wrong.append(Problem("sensors", f"a {kind} controller reads the displacement alone; ask for lqg or hinf"))
     if prototype.goal.comes_to_rest and not prototype.goal.lower_gains:
