@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+import beamdesign
 from beamdesign.cli.arm import arm, certify_switching
 from beamdesign.cli.begin import explain, new, paper
 from beamdesign.cli.certify import certify, certify_box
@@ -93,8 +94,6 @@ def _hear(quiet: bool) -> None:
 
 def _tell_version(asked: bool) -> None:
     if asked:
-        import beamdesign
-
         echo(f"beamdesign {beamdesign.__version__}")
         raise typer.Exit
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.certify import echo_against_goal, echo_stability
 from beamdesign.cli.command import (
     CommandResult,
@@ -58,10 +59,9 @@ def arm(
         allowed_mm: error that twist may leave; says which tube keeps it.
         out: folder for certificates, tables, picture and prototype.
     """
-    from beamdesign.prototype import read_prototype
     from beamdesign.structure.arm import arm_of, sensor_of
 
-    record = read_prototype(prototype)
+    record = beamdesign.read_prototype(prototype)
     spare([prototype], out, ["prototype.toml"])
     stated = (("offset_m", "--offset-m", offset_m), ("sensor_m", "--sensor-m", sensor_m))
     given = {name: _three(text, option, "Position") for name, option, text in stated if text is not None}
@@ -71,13 +71,12 @@ def arm(
 
     from beamdesign.proofs.arm.both_planes import prove_anywhere
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
-    from beamdesign.proofs.arm.result import arm as work_out
 
     def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
         own, payloads, _ = stage
         force = _force(own, force_N, payloads[1], prototype)
         places = {} if within is None else prove_anywhere(own, payloads, within)  # or refused, before anything is told
-        found = work_out(own, payloads, force)
+        found = beamdesign.arm(own, payloads, force)
         _echo_figures(own, found)
         _echo_proof(own, found)
         for name, verdict in places.items():
@@ -253,7 +252,6 @@ def _written(
     from beamdesign.columns import csv_text
     from beamdesign.plant.assembly import pace
     from beamdesign.proofs.arm.both_planes import both_planes
-    from beamdesign.prototype import write_prototype
     from beamdesign.report.canvas import save
     from beamdesign.report.drawing import compliance_curves, draw_arm
     from beamdesign.structure.lumped import figures
@@ -283,7 +281,7 @@ def _written(
     for name, text in (texts | {name: csv_text(rows) for name, rows in tables.items()}).items():
         write_whole(files[name], text)
     files |= {"figures": save(draw_arm(record, found, force, curves), out / "arm"), "prototype": out / "prototype.toml"}
-    write_prototype(record, files["prototype"])
+    beamdesign.write_prototype(record, files["prototype"])
     return files
 
 
@@ -315,12 +313,11 @@ def certify_switching(
     path = certificate_file(out, prototype, "stages")
 
     from beamdesign.proofs.lyapunov import describe, stages_certificate
-    from beamdesign.public import certify_switching as prove
     from beamdesign.structure.arm import left_aside
 
     try:
         with progress("Lyapunov functions") as update:
-            found = prove(record, (low, high), rate, update)
+            found = beamdesign.certify_switching(record, (low, high), rate, update)
     except ValueError as error:
         refuse(prototype, ("controller.stage", str(error)))
     lines = describe(found)

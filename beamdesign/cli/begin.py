@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import CommandResult, command, write_drawn
 from beamdesign.cli.output import echo, echo_table, path_to_write, progress, refuse, write_json
 from beamdesign.files import fresh_folder
@@ -158,7 +159,6 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
     """
     if figure is not None:
         return _one_figure(figure, out)
-    import beamdesign
     from beamdesign.validation.paper_comparison import CHOICES, write_page
 
     comparison = beamdesign.paper()

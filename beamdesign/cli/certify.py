@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import CommandResult, Figure, OutFile, by_stage, command, mass_range, with_controller
 from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.result import picked
@@ -66,7 +67,7 @@ def certify(
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
     from beamdesign.proofs.certificate import Asked
-    from beamdesign.prototype import Goal, read_prototype
+    from beamdesign.prototype import Goal
 
     record = None if replay is not None or prototype is None else with_controller(prototype)
     goal = Goal() if record is None else record.goal
@@ -87,17 +88,16 @@ def certify(
         others = {"--linear": linear, "--nonlinear": nonlinear, "--outer-end-mass": outer_end_mass, "--out": out}
         if given := [name for name, value in {**claims, **others}.items() if value]:
             refuse("certify", *((name, "has no meaning with --replay") for name in given))
-        return _replay(replay, None if prototype is None else read_prototype(prototype))
+        return _replay(replay, None if prototype is None else beamdesign.read_prototype(prototype))
     if record is None or prototype is None:
         refuse("certify", ("PROTOTYPE", "missing; or give --replay CERTIFICATE"))
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
-    from beamdesign.proofs.certifying import certify as prove
     from beamdesign.proofs.scope import holds_for, near_rest
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(out, prototype, "certificate", stage.suffix)
-        certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
+        certificate = beamdesign.certify(rig, *stage.outer_end_mass_kg, asked, nonlinear)
         if linear:
             certificate = replace(certificate, small_motion="")
         _echo(rig, certificate)
@@ -232,14 +232,12 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.over_box import certify_box as prove
-
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(out, prototype, "box", stage.suffix)
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
         with progress("branch and bound") as update:
             varying = asked, sigmas, only or (), delay_s, nonlinear, scaling, each
-            found = prove(stage.prototype, *varying, budget, seconds, update)
+            found = beamdesign.certify_box(stage.prototype, *varying, budget, seconds, update)
         _echo_box(found)
         if (scaling or each) and not found.scales:
             echo(

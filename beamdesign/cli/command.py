@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+import beamdesign
 from beamdesign import time_limit
 from beamdesign.cli.output import (
     another_file,
@@ -326,10 +327,9 @@ def with_controller(path: Path) -> "Prototype":
     Raises:
         InputError: with everything that is in the way.
     """
-    from beamdesign.prototype import read_prototype
     from beamdesign.records import Problem
 
-    record, wrong = read_prototype(path), []
+    record, wrong = beamdesign.read_prototype(path), []
     if record.effects:
         from beamdesign.plant.assembly import sizes
         from beamdesign.plant.effects import problems

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
@@ -54,14 +55,13 @@ def run(
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
-    from beamdesign.synthesis.design_run import run as design
 
     problem, within = _read(study, sigmas, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     spare([study], out, ["prototype.toml"])
     with in_time(minutes, "10 to 60 s for a lag, minutes for other kinds") as limit, progress("designing") as update:
         with share(_DESIGNING):
-            result = design(problem, update, within, outer_end_mass_kg=masses)
+            result = beamdesign.run(problem, update, within, outer_end_mass_kg=masses)
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
@@ -109,9 +109,8 @@ def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tupl
     Sections of free sizes are sought whatever it says where `free` is set.
     """
     from beamdesign.parameters import stated_or_typical
-    from beamdesign.problem import read_problem
 
-    problem = read_problem(study)
+    problem = beamdesign.read_problem(study)
     within = 0.0 if nominal else sigmas
     if within and (words := stated_or_typical(problem.tolerance, type(problem.actuator))[1]):
         echo(words)
@@ -154,15 +153,13 @@ def size(
     if not read_table(study).keys() & _STUDY_TABLES:
         return _checked(study, tip_force_N)
 
-    from beamdesign.problem import read_problem
     from beamdesign.sweep.answers import check_fields
-    from beamdesign.synthesis.sizing import size as find_sections
 
-    problem = read_problem(study)
+    problem = beamdesign.read_problem(study)
     if tip_force_N is not None:
         refuse("--tip-force-N", (f"{tip_force_N:g}", f"{study} states its own load; change it there"))
     with progress("sizing") as update:
-        found = find_sections(problem, update)
+        found = beamdesign.size(problem, update)
     echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
     tables = {name: getattr(problem, name) for name in ("sections", "clearance", "safety")}
     assumed = {f"{name}.{key}": v for name, of in tables.items() for key, v in of if key not in of.model_fields_set}
@@ -195,11 +192,10 @@ def _echo_weight(rig: "Prototype", load_N: float, key: str) -> None:
 
 
 def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
-    from beamdesign.prototype import read_prototype
     from beamdesign.sweep.answers import check_fields
     from beamdesign.synthesis.sizing import check_prototype, problem_of
 
-    prototype = read_prototype(path)
+    prototype = beamdesign.read_prototype(path)
     stated, force, said = prototype.payload.largest_force_N, tip_force_N, "--tip-force-N"
     if force is None:
         force, said = (stated, "payload.largest_force_N") if stated else (DEFAULT_TIP_FORCE_N, "default")
@@ -251,7 +247,6 @@ def codesign(
     """
     from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
-    from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
 
     problem, within = _read(study, sigmas, nominal, free=True)
@@ -259,7 +254,7 @@ def codesign(
     folder = out or default_folder(f"{study.stem}-codesign")
     spare([study], folder, ["prototype.toml"])
     with in_time(minutes, "1 to 5 min") as limit, progress("co-design") as update:
-        found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=within)
+        found = beamdesign.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=within)
     point = found.point
     if point is None:
         absent = "prototype moving_mass_kg beam_mass_kg inner_end_mass_kg guaranteed"
@@ -320,7 +315,6 @@ def front(
     from beamdesign.quantities import rigs_in_words
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import TradePoint, plot_trade
-    from beamdesign.synthesis import codesign as room
 
     problem, within = _read(study, sigmas, nominal, free=True)
     masses = problem.asked_kg()
@@ -330,7 +324,7 @@ def front(
     ranges = [(min(masses[0], end), end) for end in ends]
     count = len(ranges) * len(bandwidths)
     with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
-        found = room.front(problem, bandwidths, ranges, update, within)
+        found = beamdesign.front(problem, bandwidths, ranges, update, within)
     rows = [design.columns() | {"sigmas": within} for design in found.designs]
     figure, rigs = new_figure(), rigs_in_words(within)
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
@@ -370,14 +364,13 @@ def remedies(
     from beamdesign.quantities import rigs_in_words, stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import plot_remedies
-    from beamdesign.synthesis import remedies as room
 
     problem, within = _read(study, sigmas, nominal, free=True)
     if (kind := problem.controller.kind) != "lag":
         echo(f"controller.kind = {kind!r} is not taken: each remedy is that of a lag")
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
-        found = room.remedies(problem, masses, added_mass_kg, update, within)
+        found = beamdesign.remedies(problem, masses, added_mass_kg, update, within)
     rows = [one.to_dict() for one in found]
     shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
     axes, rigs = plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found), rigs_in_words(within)

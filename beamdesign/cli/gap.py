@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import CommandResult, command, group, in_time, resumed
 from beamdesign.cli.output import default_folder, echo, echo_table, in_words, named_files, progress, refuse, spare
 from beamdesign.files import fresh_folder, settled
@@ -58,23 +59,18 @@ def diagnose(
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
-    from beamdesign.diagnosis.data.bench_set import read_bench_set
-    from beamdesign.diagnosis.diagnose import diagnose as engine
-
     if redesign:
         refuse("--redesign", (str(dataset), "a bench has no controller to design"))
-    data = read_bench_set(dataset)
+    data = beamdesign.read_bench_set(dataset)
     with in_time(minutes, "half a minute to 2 min"):
         with progress("diagnosing") as update:
-            found = engine(data, progress=update)
+            found = beamdesign.diagnose(data, progress=update)
         echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
-    from beamdesign.diagnosis.data.dataset import read_dataset
-    from beamdesign.diagnosis.diagnose import diagnose as engine
     from beamdesign.diagnosis.diagnosis import controller_text
     from beamdesign.diagnosis.fitting.fit import fit_cache
     from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
@@ -82,13 +78,13 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
     from beamdesign.report.gap_tables import terms_table
     from beamdesign.structure.arm import off_axis
 
-    data = read_dataset(dataset)
+    data = beamdesign.read_dataset(dataset)
     kept = fit_cache(folder / "fits", data)
     renewed = None
     with resumed(lambda: f": {kept.count} fits are kept in {kept.folder}; the same command goes on from there"):
         with in_time(minutes, _usually(data)):
             with share(_DIAGNOSING if renew else 1.0), progress("diagnosing") as update:
-                found = engine(data, workers, update, kept)
+                found = beamdesign.diagnose(data, workers, update, kept)
             echo_diagnosis(found)
             if renew:
                 with progress("redesigning") as update:
@@ -215,11 +211,12 @@ def import_(
         clock: whether time stamps that jitter are of an even clock and came late, or tell when samples were really
             taken; else the samples tell, and what was done is printed.
     """
-    from beamdesign import import_measured
     from beamdesign.diagnosis.data.dataset import Dataset
 
     masses = outer_end_mass or (0.0,)
-    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or (), clock)
+    found = beamdesign.import_measured(
+        files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or (), clock
+    )
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
     if not outer_end_mass and isinstance(found.dataset, Dataset):
         echo("mass on the outer tip: taken as 0 kg in every file, as none is stated; --outer-end-mass KG states it")
@@ -241,14 +238,13 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
         dataset: folder with dataset.toml, the prototype believed and CSV files.
         out: folder for one CSV file per record.
     """
-    from beamdesign import predict as predicted
     from beamdesign.columns import write_tables
     from beamdesign.diagnosis.data.dataset_index import index_of
 
     measured = named_files(index_of(dataset))
     spare([*measured, prototype], out, [path.with_suffix(".csv").name for path in measured])
     with progress("simulating") as update:
-        found = predicted(prototype, dataset, update)
+        found = beamdesign.predict(prototype, dataset, update)
     with fresh_folder(out) as fresh:
         written = write_tables({record.name: (record.columns, record.samples) for record in found.records}, fresh)
     paths = settled(written, fresh, out)

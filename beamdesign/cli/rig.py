@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.certify import echo_aside
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, mass_range, with_controller, write_drawn
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
@@ -63,13 +64,12 @@ def code(
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.realisation.c_code import compiler
-    from beamdesign.build.realisation.code import code as realised
 
     if compile_here and compiler() is None:
         refuse("--compile", ("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it"))
     bits = None if in_floats else word_length or 32
     with progress("realising") as update:
-        found = realised(
+        found = beamdesign.code(
             record, rate_Hz, masses, bits, full_scale_V, largest_current_A, any_computing_time, progress=update
         )
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
@@ -158,11 +158,10 @@ def spec(
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.folder import write_specification
-    from beamdesign.build.specification import specify
 
     folder = out or default_folder(f"{prototype.resolve().stem}.specification")
     with progress("specifying", "5 to 60 s, minutes for several laws or with effects") as update:
-        found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
+        found = beamdesign.specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
     fields = found.to_dict() | {"files": paths}
@@ -197,12 +196,10 @@ def limits(
     rig = with_controller(prototype)
     mass = payload if payload is not None else (rig.outer_end_mass_kg or (0.0, 0.0))[1]
 
-    from beamdesign.synthesis.operating_limits import limits as worked_out
-
     def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
         own = stage.prototype
         with progress("limits") as update:
-            found = worked_out(own, mass, preload, update)
+            found = beamdesign.limits(own, mass, preload, update)
         if found.reason:
             echo(f"{own.name}: {found.reason}; a loop that is not stable has no operating limits")
             return found.to_dict(), False

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import CommandResult, command, toml_files
 from beamdesign.cli.output import echo, echo_table, progress, spare
 from beamdesign.files import fresh_folder, settled
@@ -41,12 +42,11 @@ def simulate(
         plots: whether to draw the records.
     """
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
-    from beamdesign.scenario import files_of, read_scenario
-    from beamdesign.simulation import simulate as simulated
+    from beamdesign.scenario import files_of
 
-    rig, plan = read_any_prototype(prototype), read_scenario(scenario)
+    rig, plan = read_any_prototype(prototype), beamdesign.read_scenario(scenario)
     spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
-    found = simulated(rig, plan)
+    found = beamdesign.simulate(rig, plan)
     if isinstance(rig, BenchPrototype):
         peaks = [(one.name, *map(float, abs(one.samples[:, 2:]).max(axis=0))) for one in found.records]
         heads = ("record", *(f"peak {column}" for column in found.records[0].columns[2:]))

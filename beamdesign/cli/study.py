@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+import beamdesign
 from beamdesign.cli.command import CommandResult, command, group, resumed
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 
@@ -38,7 +39,6 @@ def run(
         case_seconds: a case that takes longer is given up, and stays as a failed row; else 3600 s.
         again: compute the cases again that failed.
     """
-    import beamdesign
     from beamdesign.sweep.conclusion import in_words
     from beamdesign.sweep.sweep_run import finished, plan
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+import beamdesign
 from beamdesign.cli.certify import echo_aside
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range, of_all
 from beamdesign.cli.output import echo, echo_table, progress, refuse, spare
@@ -109,15 +110,14 @@ def tune(
     from beamdesign.problem import Tuned
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate
     from beamdesign.proofs.tolerance_box import between, in_words
-    from beamdesign.prototype import read_prototype
     from beamdesign.records import to_toml
-    from beamdesign.synthesis import tuning
     from beamdesign.synthesis.design_run import certificate_name, certified_laws
+    from beamdesign.synthesis.tuning import limited, tunable
 
-    record = read_prototype(prototype)
+    record = beamdesign.read_prototype(prototype)
     spare([prototype], out, ["prototype.toml"])
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    known = dict.fromkeys((*get_args(Tuned), "compliance", *tuning.tunable()))  # and what is registered with seeds
+    known = dict.fromkeys((*get_args(Tuned), "compliance", *tunable()))  # and what is registered with seeds
     if controller not in known:
         refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
     sensors = _sensors(controller, added_sensor or [])
@@ -130,7 +130,7 @@ def tune(
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = tuning.limited(record, controller, given)
+    record = limited(record, controller, given)
     if controller != "compliance" and end_stiffness_N_per_m is not None:
         refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", "is for --controller compliance"))
     if controller == "compliance":
@@ -141,7 +141,7 @@ def tune(
     usual, otherwise = (_NOMINAL, "1 to 10 min") if nominal or not sigmas else (_USUALLY, "5 to 40 min")
     with in_time(minutes, usual.get(controller, otherwise)) as limit, progress("tuning") as update:
         mass = largest_inner_end_mass_kg
-        found = tuning.tune(record, masses, controller, mass, update, sections, sensors, within, stages)
+        found = beamdesign.tune(record, masses, controller, mass, update, sections, sensors, within, stages)
     if found.caution:
         echo(found.caution)
     if found.reason:
@@ -265,12 +265,10 @@ def stiffness(
         rigs: rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.
         out: folder for prototype.toml and its certificates; else none is written.
     """
-    from beamdesign.prototype import read_prototype
     from beamdesign.quantities import mass_range_text
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
-    from beamdesign.synthesis.stiffness_search import stiffness as give
 
-    record = read_prototype(prototype)
+    record = beamdesign.read_prototype(prototype)
     spare([prototype], out, ["prototype.toml"])
     low, high = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
     if high == 0:
@@ -285,7 +283,7 @@ def stiffness(
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
         try:
-            answer = give(rig, None, own, **asked)
+            answer = beamdesign.stiffness(rig, None, own, **asked)
         except ValueError as error:
             refuse(prototype, ("controller", str(error)))
         found = answer.best
@@ -325,10 +323,9 @@ def give_stiffness(
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
     from beamdesign.synthesis.stiffness_search import drawn_in_words, drawn_rigs
-    from beamdesign.synthesis.stiffness_search import stiffness as give
 
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
-        found = give(record, end_stiffness, masses, progress=update, **asked)
+        found = beamdesign.stiffness(record, end_stiffness, masses, progress=update, **asked)
     best = found.best
     if best is None or found.prototype is None or found.certificate is None:
         echo(found.reason)
