@@ -258,10 +258,8 @@ def read_scenario(path: str | Path) -> Scenario:
                 try:
                     inputs_from_csv(Path(signal.file), scenario.times)
                 except InputError as error:
-                    wrong += [
-                        Problem(f"record.{i}.input.{j}.file", f"{error.source}: {p.key}: {p.reason}")
-                        for p in error.problems
-                    ]
+                    where = f"record.{i}.input.{j}.file"
+                    wrong += [(where, f"{error.source}: {key}: {reason}") for key, reason in error.problems]
             signals.append(signal)
         rows.append(row.but(input=tuple(signals)))
     if wrong:

@@ -202,7 +202,8 @@ def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: in
     y, same = refined(course, np.asarray, OUTPUTS, substeps * len(times))
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
-    found = _judged(row, scenario, scenario.measurement.of(samples, position), samples, inputs, kinds)
+    judged = _judged(row, scenario, samples, inputs, kinds)
+    found = replace(judged, samples=scenario.measurement.of(samples, position))
     return found if same == count else replace(found, certain_until_s=float(times[same]))
 
 
@@ -350,18 +351,12 @@ def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> in
 
 
 def _judged(
-    row: ScenarioRecord,
-    scenario: Scenario,
-    measured: np.ndarray,
-    samples: np.ndarray,
-    inputs: np.ndarray,
-    kinds: Structure,
+    row: ScenarioRecord, scenario: Scenario, samples: np.ndarray, inputs: np.ndarray, kinds: Structure
 ) -> SimulatedRecord:
     """Say whether a record is one of a stable loop."""
     times, displacement = samples[:, 0], samples[:, COLUMNS.index("displacement_m")]
     if len(samples) < len(inputs):
-        ended = diverged(row.name, samples, scenario.displacement_limit_m, scenario.sample_s)
-        return replace(ended, samples=measured)
+        return diverged(row.name, samples, scenario.displacement_limit_m, scenario.sample_s)
     moving = np.nonzero(np.any(np.diff(inputs, axis=0) != 0, axis=1))[0]
     quiet = int(moving[-1]) + 1 if len(moving) else 0
     found = None
@@ -369,12 +364,12 @@ def _judged(
         shaken = any(assemble(kinds).function.which_depends("t", ["rate"]))
         found = sustained(times[quiet:], displacement[quiet:], _LEAST_AMPLITUDE_M, shaken)
         if found is None and departing(displacement[quiet:], _LEAST_AMPLITUDE_M):
-            return SimulatedRecord(row.name, measured, False, "under constant inputs the tip moves ever further")
+            return SimulatedRecord(row.name, samples, False, "under constant inputs the tip moves ever further")
     if found is None:
-        return SimulatedRecord(row.name, measured, True)
+        return SimulatedRecord(row.name, samples, True)
     how = "grows" if found.growth_per_s > 0 else "does not die out"
     reason = f"under constant inputs an oscillation at {found.frequency_Hz:.4g} Hz {how}"
-    return SimulatedRecord(row.name, measured, False, reason, None, found)
+    return SimulatedRecord(row.name, samples, False, reason, None, found)
 
 
 def diverged(name: str, samples: np.ndarray, limit_m: float, sample_s: float) -> SimulatedRecord:

@@ -36,7 +36,7 @@ from beamdesign.diagnosis.judgement import Judgement
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
-from beamdesign.plant.forced_motion import forced_motion
+from beamdesign.plant.harmonic_balance import forced_motion
 from beamdesign.prototype import Beam, Payload, Servovalve
 
 pytestmark = pytest.mark.long

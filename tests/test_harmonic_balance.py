@@ -14,8 +14,7 @@ from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.forced_motion import forced_motion
-from beamdesign.plant.harmonic_balance import FreeRig, NoBalance
+from beamdesign.plant.harmonic_balance import FreeRig, NoBalance, forced_motion
 from beamdesign.plant.limit_cycles import LimitCycle, cycles_about_own
 from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Payload

@@ -188,13 +188,16 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         "pole": 1.0,
         "zero": 1.0,
     }
-    values |= controller.figures() | lever_figures(prototype)
-    for name, table in effect_parameters_of(prototype).items():
-        values |= {f"{name}.{key}": value for key, value in table.items()}
-    return values
+    return values | controller.figures() | lever_figures(prototype) | effect_figures(prototype)
 
 
-def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
+def effect_figures(prototype: AnyPrototype) -> dict[str, float]:
+    """Parameters of a prototype's effects by `EFFECT.PARAMETER`, in the order of the assembly."""
+    own = effect_parameters_of(prototype)
+    return {f"{name}.{key}": value for name, table in own.items() for key, value in table.items()}
+
+
+def effect_parameters_of(prototype: AnyPrototype) -> dict[str, dict[str, float]]:
     """Parameters of a prototype's effects, sorted by name: as given, else the rig's own or the default."""
     own = of_rig(prototype)
     return {
@@ -206,9 +209,13 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
     }
 
 
-def of_rig(prototype: Prototype) -> dict[str, float]:
+def of_rig(prototype: AnyPrototype) -> dict[str, float]:
     """Figures of effects, by `EFFECT.PARAMETER`, that the rig itself gives where none is stated."""
-    return {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa} | of_drive(prototype)
+    supply = "pressure_dependent_flow.supply_pressure_Pa"
+    if isinstance(prototype, Prototype):
+        return {supply: prototype.supply.pressure_Pa} | of_drive(prototype)
+    cylinder = prototype.actuator
+    return {supply: cylinder.supply_pressure_Pa, "unequal_piston_areas.asymmetry": cylinder.asymmetry}
 
 
 def of_drive(prototype: WithActuator) -> dict[str, float]:

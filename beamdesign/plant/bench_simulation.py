@@ -7,9 +7,8 @@ from operator import attrgetter
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.plant.assembly import Assembly, Structure, assemble, wrong_effects
+from beamdesign.plant.assembly import Assembly, Structure, assemble, effect_figures, wrong_effects
 from beamdesign.plant.compiled import integrate
-from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import Place, substeps_at
 from beamdesign.plant.rigs import BENCH_STATED
 from beamdesign.records import InputError, Problem
@@ -44,7 +43,8 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
     """Parameters of the bench's assembly in its order, SI: figures of the rig and of its effects."""
     actuator, valve, sensors = prototype.actuator, prototype.servovalve, prototype.sensors
     stop = (actuator.stop_stiffness_N_per_m * actuator.moving_mass_kg) ** 0.5
-    values: dict[str, float] = {name: attrgetter(place)(prototype) for name, place in BENCH_STATED.items()} | {
+    stated: dict[str, float] = {name: attrgetter(place)(prototype) for name, place in BENCH_STATED.items()}
+    worked_out = {
         "stop_damping": 2 * _STOP_DAMPING_RATIO * stop,
         "flow_gain": valve.flow_gain_m3_per_s_per_V / valve.amplifier_A_per_V,
         "valve_frequency": 2 * pi * valve.natural_frequency_Hz,
@@ -53,15 +53,7 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
         "filter_frequency": 2 * pi * (sensors.displacement_filter_Hz or 1.0),
         "pressure_filter_frequency": 2 * pi * sensors.pressure_filter_Hz,
     }
-    own = {  # what an effect that is named alone takes from the bench itself
-        "pressure_dependent_flow.supply_pressure_Pa": actuator.supply_pressure_Pa,
-        "unequal_piston_areas.asymmetry": actuator.asymmetry,
-    }
-    for name in sorted(prototype.effects):
-        for q in library()[name].parameters:
-            key = f"{name}.{q.name}"
-            values[key] = float(prototype.effects[name].get(q.name, own.get(key, q.default)))
-    return values
+    return stated | worked_out | effect_figures(prototype)
 
 
 def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.ndarray:

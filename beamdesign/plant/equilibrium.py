@@ -167,23 +167,6 @@ def _settled(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.nd
 _LONG, _MOST_STEPS, _LEAST_SHARE = 1e3, 400, 1e-3  # s; steps; of the inputs
 
 
-_UNDETERMINED = 1e9  # typical magnitudes: a step as large goes where nothing but rounding says how far
-
-
-def newton_step(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """The step (n,) of Newton's method, in typical magnitudes.
-
-    Where it is not determined, as the mean pressure is not if nothing leaks, it is the smallest.
-    """
-    try:
-        step = np.linalg.solve(jacobian, -residual)
-    except np.linalg.LinAlgError:
-        step = np.full(len(residual), np.inf)
-    if np.abs(step).max() < _UNDETERMINED or not np.isfinite(jacobian).all():
-        return step
-    return np.asarray(np.linalg.lstsq(jacobian, -residual, rcond=None)[0])
-
-
 def not_held(assembly: Assembly) -> np.ndarray:
     """Places of the states that an equilibrium moves: all but the `memory` of effects."""
     held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}

@@ -9,22 +9,28 @@ parts do and blind to what the higher harmonics do to each other.
 Where it fails: one harmonic is 20 % off in gain where a limiter works nearly as a relay. Nine leave up to 0.5 % at the
 corners of the laws. Sampled controllers and effects that depend on time are not covered. With play in the joint a start
 is found at amplitudes well above the play only.
+
+Of the steady motions under a sinusoidal force that is sought to which the rig comes, not any that balances. Harmonic
+balance also finds motions that nothing tends to, and with play misses much in the higher harmonics. So its motion
+counts where the Floquet multipliers say that a departure from it dies out, and where a simulated period closes on it;
+else the rig is simulated from rest until its periods are alike.
 """
 
 from dataclasses import dataclass, field
 from functools import cache
-from math import tau
+from math import ceil, inf, tau
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.equilibrium import StateSpace, equilibrium, linearise, newton_step, scales
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.equilibrium import MOST_STEPS, StateSpace, equilibrium, linearise, scales, substeps_for
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
-_MOST_STEPS, _TOLERANCE, _LEAST_SHARE = 40, 1e-8, 0.03
+_NEWTON_STEPS, _TOLERANCE, _LEAST_SHARE = 40, 1e-8, 0.03
 HARMONICS = 9
 _POINTS = 16  # per harmonic: corners of the laws are met to 1/points^2
 
@@ -101,6 +107,23 @@ def _pairs(harmonics: int) -> np.ndarray:
     return np.asarray((back[:, None, :] * forward.T[None, :, :]).reshape(-1, len(forward)))
 
 
+_UNDETERMINED = 1e9  # typical magnitudes: a step as large goes where nothing but rounding says how far
+
+
+def _newton_step(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """The step (n,) of Newton's method, in typical magnitudes.
+
+    Where it is not determined, as the mean pressure is not if nothing leaks, it is the smallest.
+    """
+    try:
+        step = np.linalg.solve(jacobian, -residual)
+    except np.linalg.LinAlgError:
+        step = np.full(len(residual), np.inf)
+    if np.abs(step).max() < _UNDETERMINED or not np.isfinite(jacobian).all():
+        return step
+    return np.asarray(np.linalg.lstsq(jacobian, -residual, rcond=None)[0])
+
+
 Unknown = tuple[np.ndarray, float, float]
 """Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
 
@@ -111,7 +134,7 @@ def balance(
     amplitude: float | None,
     preload: float = 0.0,
     force: float = 0.0,
-    most_steps: int = _MOST_STEPS,
+    most_steps: int = _NEWTON_STEPS,
 ) -> Unknown:
     """Coefficients, frequency (rad/s) and gain (A/V) at which every harmonic balances.
 
@@ -161,7 +184,7 @@ def balance(
             bottom = np.stack([(row[:, None] * y_by_x).T @ forward for row in back[1:3]])
             bottom = (bottom * weight[None, :, None] / scale_y).reshape(2, n * size)
             matrix = np.block([[matrix, turned[:, None], raised[:, None]], [bottom, np.zeros((2, 2))]])
-        change = newton_step(matrix, value)
+        change = _newton_step(matrix, value)
         norm, share, whole = np.linalg.norm(value), 1.0, False
         while True:
             part = share * change
@@ -224,3 +247,69 @@ def multipliers(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> np.nd
     for a in by_x:
         turn = expm(a / weight[:, None] * weight[None, :] * (tau / omega / len(by_x))) @ turn
     return np.asarray(np.linalg.eigvals(turn))
+
+
+_STEPS_PER_RADIAN = 4  # of the fastest pole, as an impact in a joint is over in three
+_LEAST_STEPS = 64
+_FORCED_STEPS = 10  # nearly all that are found take fewer, and a simulation costs less than more of them
+_NEUTRAL = 1 + 1e-6  # as of a rod that is free in its play
+_CLOSED, _ALIKE = 1e-2, 1e-4  # of the amplitude
+_SETTLING_S, _SETTLING_PERIODS = 5.0, 30
+
+
+def forced_motion(
+    prototype: Prototype,
+    force: float,
+    frequency: float,
+    outer_end_mass: float = 0.0,
+    preload: float = 0.0,
+    harmonics: int = HARMONICS,
+) -> Motion:
+    """Response to a sinusoidal force on the outer tip, to which the rig tends; one of them where it has several.
+
+    Args:
+        prototype: rig with its effects and a controller.
+        force: amplitude, N.
+        frequency: Hz.
+        outer_end_mass: payload, kg.
+        preload: constant force on top of it, N.
+        harmonics: how many of them are balanced.
+
+    Raises:
+        NoBalance: where the rig comes to no motion of that period, as beyond what the actuator can do, or where it
+            oscillates by itself.
+        ValueError: where an effect shakes the rig in time.
+    """
+    rig, omega = FreeRig(prototype, outer_end_mass), tau * frequency
+    c = np.zeros((len(rig.assembly.states), 2 * harmonics + 1))
+    c[:, 0] = rest = rig.rest(rig.gain, preload)
+    p, kinds = rig.at_gain(rig.gain), rig.assembly.kinds
+    period = np.array([0.0, 1 / frequency])
+    steps = max(_LEAST_STEPS, _STEPS_PER_RADIAN * substeps_for(rig.assembly, p, period))
+    half, times = np.exp(1j * np.pi * np.arange(2 * steps + 1) / steps), np.linspace(0.0, period[-1], steps + 1)
+    inputs = np.column_stack([preload + force * half.real, 0 * half.real])
+
+    def moved(x: np.ndarray) -> tuple[np.ndarray, complex, np.ndarray]:
+        """A period of the displacement (steps + 1,), its phasor, and the states at its end."""
+        y, x = integrate(kinds, times, inputs, x, p, 1, inf)
+        seen = y[:, DISPLACEMENT]
+        if len(seen) < len(times):
+            raise NoBalance("the rig leaves all bounds")
+        return seen, complex(2 / steps * (seen[:-1] @ half[:-1:2].conj())), x
+
+    try:
+        c, *_ = balance(rig, (c, omega, rig.gain), None, preload, force, _FORCED_STEPS)
+        found = motion_of(rig, c, omega, rig.gain)
+        if np.abs(multipliers(rig, c, omega, rig.gain)).max() < _NEUTRAL:
+            _, closed, _ = moved(c[:, 0] + c[:, 1::2].sum(axis=1))
+            if abs(closed - found.phasor_m) <= _CLOSED * abs(closed):
+                return found
+    except NoBalance:
+        pass
+    x, before = rest, [0j, 0j]
+    for _ in range(min(max(_SETTLING_PERIODS, ceil(_SETTLING_S * frequency)), MOST_STEPS // steps)):
+        seen, phasor, x = moved(x)
+        if all(abs(phasor - one) <= _ALIKE * abs(phasor) for one in before):
+            return Motion(frequency, phasor, float(seen[:-1].mean()), float(np.ptp(seen)) / 2, np.empty((len(x), 0)))
+        before = [before[-1], phasor]
+    raise NoBalance("the rig comes to no motion of the period of the force")

@@ -24,8 +24,7 @@ from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import Structure, assemble, fits
 from beamdesign.plant.component import PROPORTIONAL
 from beamdesign.plant.effects import laws_of
-from beamdesign.plant.forced_motion import forced_motion
-from beamdesign.plant.harmonic_balance import DISPLACEMENT, FreeRig
+from beamdesign.plant.harmonic_balance import DISPLACEMENT, FreeRig, forced_motion
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure import lumped

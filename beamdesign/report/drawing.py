@@ -285,7 +285,7 @@ def draw_arm(prototype: Prototype, found: "ArmResult", force_N: "Vector", curves
     side, end, bars, over = figure.subplots(2, 2).ravel()
     draw_arm_side(side, prototype, found)
     draw_end(end, prototype, found)
-    draw_remaining(bars, dict(zip(_CASES, (found.without, found.with_servo), strict=True)))
+    draw_remaining(bars, found)
     draw_compliance(over, curves, prototype.goal.compliance_m_per_N)
     load = ", ".join(f"{value:.4g}" for value in force_N)
     figure.suptitle(f"{in_plot(prototype.name)}: ({load}) N on the payload's centre", fontsize=10)
@@ -360,19 +360,17 @@ def draw_end(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Axes":
     return axes
 
 
-def draw_remaining(axes: "Axes", cases: "dict[str, Remaining | None]") -> "Axes":
+def draw_remaining(axes: "Axes", found: "ArmResult") -> "Axes":
     """How far each cause alone moves the point that counts, and all together, logarithmically."""
-    names = [*CAUSES, "all"]
-    for k, (case_name, case) in enumerate(cases.items()):
-        if case is None:
-            continue
+    names, cases = [*CAUSES, "all"], _cases(found)
+    for k, (case_name, colour, case) in enumerate(cases):
         sizes = [1e3 * size for size in (*case.shares_m.values(), case.size_m)]
         places = np.arange(len(names)) + 0.4 * (k - 0.5)
-        axes.bar(places, np.maximum(sizes, 1e-9), width=0.38, color=_COLOURS[k], label=case_name)
+        axes.bar(places, np.maximum(sizes, 1e-9), width=0.38, color=colour, label=case_name)
         for place, size in zip(places, sizes, strict=True):
             axes.text(place, max(size, 1e-4), f"{size:.2g}", ha="center", va="bottom", fontsize=6)
     axes.set_yscale("log")
-    most = max(1e3 * case.size_m for case in cases.values() if case is not None)
+    most = max(1e3 * case.size_m for *_, case in cases)
     axes.set_ylim(1e-4, 5 * max(most, 1e-3))
     axes.set_xticks(range(len(names)), [*CAUSES.values(), "error"])
     axes.set_ylabel("mm")

@@ -72,10 +72,8 @@ def write_gap_folder(
     series = found.next_experiment.series if found.next_experiment is not None else {}
     for name, columns in series.items():
         rows = (",".join(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True))
-        names[name], texts[name] = (
-            NEXT.replace("*", name.removeprefix("next")),
-            "\n".join((",".join(columns), *rows)) + "\n",
-        )
+        names[name] = NEXT.replace("*", name.removeprefix("next"))
+        texts[name] = "\n".join((",".join(columns), *rows)) + "\n"
     fields = found.to_dict()
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]
@@ -195,8 +193,7 @@ def _curve(of: Cause, position: int) -> Picture:
     axes = (figure := new_figure(120.0, 70.0)).subplots()
     axes.fill_between(x, np.subtract(y, np.multiply(2, std)), np.add(y, np.multiply(2, std)), alpha=0.3)
     axes.plot(x, y)
-    axes.set_xlabel(at)
-    axes.set_ylabel(of_what)
+    axes.set(xlabel=at, ylabel=of_what)
     return in_page(
         figure, f"curve{position}", f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
     )

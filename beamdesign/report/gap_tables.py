@@ -164,12 +164,11 @@ def _shown(name: str, value: float, error: float | None = None) -> str:
     """A figure of the rig in the unit it is read in, with its error."""
     row = _ROWS.get(name)
     unit, factor = (row.shown_unit, row.factor) if row is not None else ("Pa", 1.0)  # of a bench's supply
-    value, error = value / factor, None if error is None else error / factor
+    text = quantity(value / factor, unit)
     if error is None:
-        return quantity(value, unit)
-    text, words = quantity(value, unit), quantity(error, unit, 2)
+        return text
     number, _, shown = text.partition(" ")
-    return f"{number} ± {words.partition(' ')[0]} {shown}".rstrip()
+    return f"{number} ± {quantity(error / factor, unit, 2).partition(' ')[0]} {shown}".rstrip()
 
 
 def figure_name(key: str) -> str:

@@ -276,7 +276,7 @@ def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], var
         plain(document),
         plain(options),
         worded(varied),
-        _digest(task, *map(_text, read)),
+        hashlib.sha256(json.dumps([task, *read], sort_keys=True, ensure_ascii=False).encode()).hexdigest(),
         code_digest(TASKS[task].place),
         problems,
     )
@@ -299,14 +299,6 @@ def parsed(task: str, document: Mapping[str, Any], options: Mapping[str, Any]) -
     if problems:
         raise InputError(task, problems)
     return found[0], found[1]
-
-
-def _text(tables: Mapping[str, Any]) -> str:
-    return json.dumps(tables, sort_keys=True, ensure_ascii=False)
-
-
-def _digest(task: str, document: str, options: str) -> str:
-    return hashlib.sha256(f'["{task}", {document}, {options}]'.encode()).hexdigest()
 
 
 def in_words(problems: Iterable[Problem]) -> str:

@@ -111,9 +111,8 @@ def _unit(sweep: Sweep, cases: int) -> np.ndarray:
 
     dimensions, seed = len(sweep.vary), sweep.study.seed
     if sweep.study.method == "sobol":  # balanced only as a power of two: the rest of the last one is left out
-        return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(max(0, ceil(log2(cases)))))[
-            :cases
-        ]
+        drawn = qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(max(0, ceil(log2(cases))))
+        return np.asarray(drawn)[:cases]
     return np.asarray(qmc.LatinHypercube(dimensions, rng=seed).random(cases))
 
 

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain
-from beamdesign.plant.forced_motion import forced_motion
+from beamdesign.plant.harmonic_balance import forced_motion
 from beamdesign.plant.linear_reach import with_published_effects
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.quantities import decibels, from_decibels
