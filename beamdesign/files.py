@@ -345,9 +345,7 @@ def not_toml(raw: bytes, error: tomllib.TOMLDecodeError | UnicodeDecodeError) ->
     number = int(at[1]) if at else len(lines)
     shown = lines[number - 1].strip() if 0 < number <= len(lines) else ""
     fault = f"not valid TOML: {error}"
-    if not shown:
-        return fault
-    return f"{fault}; the line is: {shown[:80]}{_lack(shown)}"
+    return f"{fault}; the line is: {shown[:80]}{_lack(shown)}" if shown else fault
 
 
 def _lack(line: str) -> str:
@@ -370,11 +368,8 @@ def _lack(line: str) -> str:
 
 def wrong_kind(table: Mapping[str, Any], record: str, source: str) -> str:
     """In words that a file is of another kind than the record it was to be read as; empty where it is not."""
-    wanted = _RECORDS.get(record)
-    if wanted is None:
-        return ""
-    found = kind_of(table)
-    if found in ("", wanted):
+    wanted = _RECORDS.get(record, "")
+    if (found := kind_of(table) if wanted else "") in ("", wanted):
         return ""
     remedy = _INSTEAD.get((wanted, found))
     fault = f"is a {found}, where a {wanted} is expected"

@@ -4,6 +4,7 @@ What would fill the machine with steps is refused before it is begun.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from math import ceil, inf, log
@@ -319,10 +320,8 @@ def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> tuple[Pl
     held = min(_TEST_LOAD_N, smaller * _supply(figure) / 2)
     for load in (0.0, held, -held):
         u = np.array([load, 0.0, 0.0])
-        try:
+        with suppress(ValueError):
             places.append((equilibrium(assembly, u, parameters), u))
-        except ValueError:
-            continue
     return tuple(places)
 
 

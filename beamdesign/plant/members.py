@@ -240,6 +240,5 @@ def paper_model(prototype: Prototype) -> LinearModel:
 def _outwards(spans: Sequence[tuple[float, float]]) -> Interval:
     """Products of the ends of ranges of factors, so rounded that the exact ones lie between."""
     least, most = (prod((exact(span[end]) for span in spans), start=fmpq(1)) for end in (0, 1))
-    return (
-        Interval(rounded_down(least), rounded_up(most)) if len(spans) > 1 else Interval(nearest(least), nearest(most))
-    )
+    down, up = (rounded_down, rounded_up) if len(spans) > 1 else (nearest, nearest)
+    return Interval(down(least), up(most))

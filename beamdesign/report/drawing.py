@@ -166,8 +166,7 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     _clamps(axes, outer, inner, room)
     _load(axes, outer.depth / 2 - (0 if servo_on else deflection), room, tip_force_N)
     gap = clearances(outer.section, inner.section)[0]
-    which, left = ("inner", "straight") if servo_on else ("outer", "unloaded")
-    other = "outer" if servo_on else "inner"
+    which, other, left = ("inner", "outer", "straight") if servo_on else ("outer", "inner", "unloaded")
     axes.set_title(
         f"Servo {'on' if servo_on else 'off'}: {which} tip down by {deflection:.3g} mm, {other} beam {left};\n"
         f"gap left {gap - deflection:.3g} of {gap:.3g} mm",

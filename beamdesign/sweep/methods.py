@@ -169,11 +169,9 @@ def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float 
         InputError: where no figure has a tolerance, a name is unknown, or a figure would reach zero.
     """
     names = type(prototype.tolerance).model_fields
-    unknown = [
-        Problem(f"spread.tolerance.{n}", f"unknown; there are {', '.join(names)}") for n in instead if n not in names
-    ]
-    if unknown:
-        raise InputError(prototype.name, unknown)
+    if unknown := [name for name in instead if name not in names]:
+        reason = f"unknown; there are {', '.join(names)}"
+        raise InputError(prototype.name, [(f"spread.tolerance.{name}", reason) for name in unknown])
     deviation = dict(prototype.tolerance) | dict(instead)
     found: list[Figure] = []
     lumped = {name: lumped_beam(getattr(prototype, name)) for name in ("outer_beam", "inner_beam")}

@@ -185,13 +185,10 @@ def gathered(folder: Path, names: Iterable[str], asked: Mapping[str, Case] = Map
     found, unsound = [], []
     for address in names:
         try:
-            record = kept(folder, address, asked.get(address))
+            found.append(kept(folder, address, asked.get(address)))
         except InputError as error:
             unsound.append(error)
-            continue
-        if record is not None:
-            found.append(record)
-    return Kept(tuple(found), tuple(unsound))
+    return Kept(tuple(record for record in found if record is not None), tuple(unsound))
 
 
 def in_words(unsound: Sequence[InputError], done: str = "not used") -> list[str]:
