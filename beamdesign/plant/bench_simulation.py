@@ -92,16 +92,12 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
 
 
 def replay(
-    prototype: BenchPrototype,
-    times: np.ndarray,
-    command_V: np.ndarray,
-    start_m: float | None = None,
-    load_N: float = 0.0,
+    bench: BenchPrototype, times: np.ndarray, command_V: np.ndarray, start_m: float | None = None, load_N: float = 0.0
 ) -> np.ndarray:
     """Simulate a bench under a recorded command, taken to go straight from sample to sample.
 
     Args:
-        prototype: the bench with its effects.
+        bench: with its effects.
         times: (N,) equally spaced, s.
         command_V: (N,).
         start_m: see `bench_start`.
@@ -113,21 +109,21 @@ def replay(
     Raises:
         InputError: for effects that cannot be, and where the equations are too stiff for the step.
     """
-    structure = bench_structure(prototype)
+    structure = bench_structure(bench)
     assembly = assemble(structure)
-    parameters = np.array(list(bench_parameters(prototype).values()))
-    start = bench_start(prototype, start_m)
+    parameters = np.array(list(bench_parameters(bench).values()))
+    start = bench_start(bench, start_m)
     places = _stiff_places(assembly, parameters, start, command_V)
     substeps = substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
     fine = np.arange(2 * substeps * (len(times) - 1) + 1) / (2 * substeps)
     inputs = np.zeros((len(fine), 2))
     inputs[:, 0] = load_N
     inputs[:, 1] = np.interp(fine, np.arange(len(times)), command_V)
-    bound = _BOUND * prototype.actuator.stroke_m
+    bound = _BOUND * bench.actuator.stroke_m
     y, _ = integrate(structure, times, inputs, start, parameters, substeps, bound)
     if len(y) < len(times):
-        raise InputError(prototype.name, [("(figures)", "the simulation fails: its equations are too stiff")])
-    most = prototype.sensors.displacement_most_m
+        raise InputError(bench.name, [("(figures)", "the simulation fails: its equations are too stiff")])
+    most = bench.sensors.displacement_most_m
     displacement = y[:, 1] if most is None else np.minimum(y[:, 1], most)
     return np.column_stack([times, command_V, displacement, y[:, 2], y[:, 3]])
 

@@ -133,6 +133,8 @@ def integrate(
     substeps: int,
     bound: float,
     digital: np.ndarray = NOT_SAMPLED,
+    free: tuple[str, ...] = (),
+    derived: tuple[int, ...] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs of a rig over a record by fixed-step Runge-Kutta of fourth order, and its states at the end.
 
@@ -140,18 +142,27 @@ def integrate(
         kinds: structure of the rig.
         times: (N,) equally spaced, s.
         inputs: (2 substeps (N - 1) + 1, 2) disturbance (N) and command (V) at every half step.
-        start: (n,) states at the first time.
+        start: (n,) states at the first time; behind them, with free parameters, their derivatives row by row.
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
         bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
         digital: the sampled controller, see `beamdesign.sampling`.
+        free: parameters to differentiate by, see `integrate_with_sensitivities`.
+        derived: positions of the outputs whose derivatives follow them, row by row.
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
-        samples. And the states (n,) at the last sample that was kept, to go on from.
+        samples. And the states at the last sample that was kept, to go on from.
     """
-    code, width = compiled(kinds), len(assemble(kinds).outputs)
-    return _stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
+    if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
+        raise ValueError(f"{len(inputs)} input points do not fit {len(times)} samples of {substeps} steps")
+    assembly, code = assemble(kinds), compiled(kinds, free, derived)
+    y, state = np.zeros((len(times), len(assembly.outputs) + len(derived) * len(free))), np.array(start, dtype=float)
+    address, c = (code.address["law"], code.address["output"]), code.prepared(parameters)
+    times, inputs, digital = (np.ascontiguousarray(given, dtype=float) for given in (times, inputs, digital))
+    checked = len(assembly.states)
+    kept = steps(*address, times, inputs, state, checked, c, int(substeps), float(bound), digital, y)
+    return y[:kept], state
 
 
 Motion = TypeVar("Motion")
@@ -230,36 +241,10 @@ def integrate_with_sensitivities(
         raise ValueError(f"start sensitivity of {start_sensitivity.shape}, not {(len(start), len(free))}")
     count = len(assemble(kinds).outputs)
     chosen = tuple(range(count)) if outputs is None else tuple(outputs)
-    code = compiled(kinds, tuple(free), chosen)
     whole = np.concatenate([np.asarray(start, dtype=float), np.asarray(start_sensitivity, dtype=float).ravel()])
-    width = count + len(chosen) * len(free)
-    rows, _ = _stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
+    asked = tuple(free), chosen
+    rows, _ = integrate(kinds, times, inputs, whole, parameters, substeps, bound, NOT_SAMPLED, *asked)
     return rows[:, :count], rows[:, count:].reshape(len(rows), len(chosen), len(free))
-
-
-def _stepped(
-    code: MachineCode,
-    times: np.ndarray,
-    inputs: np.ndarray,
-    start: np.ndarray,
-    checked: int,
-    parameters: np.ndarray,
-    substeps: int,
-    bound: float,
-    digital: np.ndarray,
-    width: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (M, width) of a code's `output` along the record that its `law` makes, and the states at the last of them.
-
-    See `_steps` for what it is given, and for when the rows end.
-    """
-    if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
-        raise ValueError(f"{len(inputs)} input points do not fit {len(times)} samples of {substeps} steps")
-    y, state = np.zeros((len(times), width)), np.array(start, dtype=float)
-    address, c = (code.address["law"], code.address["output"]), code.prepared(parameters)
-    times, inputs, digital = (np.ascontiguousarray(given, dtype=float) for given in (times, inputs, digital))
-    kept = steps(*address, times, inputs, state, int(checked), c, int(substeps), float(bound), digital, y)
-    return y[:kept], state
 
 
 def _call(typing: Any, address: Any, t: Any, x: Any, u: Any, c: Any, out: Any) -> Any:
