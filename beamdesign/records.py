@@ -10,15 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args, get_origin
 
 import tomli_w
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    ModelWrapValidatorHandler,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, Field, FiniteFloat, ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import files, spelling
@@ -70,7 +62,7 @@ class InputError(Exception):
         super().__init__("\n".join(f"{self.source}: {key}: {reason}" for key, reason in self.problems))
 
 
-class Record(BaseModel):
+class Record(BaseModel, frozen=True, extra="forbid", strict=True):
     """Base of all records: frozen, no unknown keys, no silent coercion of text to numbers.
 
     Every text in it, keys of free tables included, is one line without control characters (see `spelling.fault`).
@@ -79,7 +71,6 @@ class Record(BaseModel):
     that fails is reported together with fields that are wrong on their own.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
     holds_lines: ClassVar[bool] = True
     """Whether its texts are names, titles and the like; those that a program has written may be of many lines."""
 

@@ -98,18 +98,13 @@ def _tell_version(asked: bool) -> None:
         raise typer.Exit
 
 
-def program(
-    quiet: Annotated[
-        bool,
-        typer.Option(
-            "--quiet", "-q", callback=_hear, is_eager=True, expose_value=False, help="Print nothing but errors."
-        ),
-    ] = False,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_tell_version, is_eager=True, expose_value=False, help="Print the version."),
-    ] = False,
-) -> None:
+_AT_ONCE: Any = {"is_eager": True, "expose_value": False}
+"""Of an option that is done with when it has been read."""
+_Quiet = Annotated[bool, typer.Option("--quiet", "-q", callback=_hear, help="Print nothing but errors.", **_AT_ONCE)]
+_Version = Annotated[bool, typer.Option("--version", callback=_tell_version, help="Print the version.", **_AT_ONCE)]
+
+
+def program(quiet: _Quiet = False, version: _Version = False) -> None:
     """The program's own options; `Commands` gives the first to every command too; its help is that of the app."""
 
 

@@ -23,17 +23,8 @@ from typer.models import ArgumentInfo, OptionInfo
 
 import beamdesign
 from beamdesign import time_limit
-from beamdesign.cli.output import (
-    another_file,
-    echo,
-    file_to_write,
-    folder_to_write,
-    json_target,
-    note,
-    refuse,
-    reporting,
-    write_json,
-)
+from beamdesign.cli import output
+from beamdesign.cli.output import echo, json_target, refuse
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.progress import undisguised
 
@@ -102,16 +93,16 @@ def command(
         wrong += problems(**given) if problems else ()
         if given.get("nominal") and given["sigmas"] not in (0.0, usual["sigmas"]):
             wrong.append(("--sigmas", "has no meaning with --nominal, which guarantees for exactly the figures stated"))
-        wrong += another_file(json, given.values())
+        wrong += output.another_file(json, given.values())
         if wrong:
             refuse(called, *wrong)
         files = {name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}
-        with reporting(called), _errors_by_file(files):
+        with output.reporting(called), _errors_by_file(files):
             result = work(**given)
         echo(*map(str, result.files))
-        if wrong := another_file(json, [*result.files, result.fields]):
+        if wrong := output.another_file(json, [*result.files, result.fields]):
             refuse(called, *wrong)
-        write_json(json, result.fields)
+        output.write_json(json, result.fields)
         if not result.yes:
             raise typer.Exit(1)
 
@@ -184,7 +175,7 @@ def in_time(minutes: float | None, usually: str) -> Iterator[dict[str, Any]]:
     """
     most = time_limit.MINUTES if minutes is None else minutes
     limit = f"; the best so far is told after {most:g} min, later with --minutes M" if most < inf else ""
-    note(f"expected time: {usually}{limit}")
+    output.note(f"expected time: {usually}{limit}")
     fields: dict[str, Any] = {}
     with time_limit.within(most) as found:
         yield fields
@@ -254,7 +245,7 @@ OPTIONS: dict[str, tuple[OptionInfo | ArgumentInfo, str]] = {
     "study": (typer.Argument(autocompletion=toml_files), ""),
     "file": (typer.Argument(autocompletion=toml_files), ""),
     "dataset": (typer.Argument(autocompletion=data_sets), ""),
-    "out": (typer.Option("--out", metavar="DIR", callback=folder_to_write), ""),
+    "out": (typer.Option("--out", metavar="DIR", callback=output.folder_to_write), ""),
     "outer_end_mass": (
         typer.Option("--outer-end-mass", metavar="LO:HI"),
         "Range of mass on the outer tip, kg; else the prototype's.",
@@ -271,7 +262,7 @@ OPTIONS: dict[str, tuple[OptionInfo | ArgumentInfo, str]] = {
     ),
 }
 """What means the same in every command, by the name of its parameter, with its help where that is the same too."""
-OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=file_to_write)]
+OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=output.file_to_write)]
 _JSON_HELP = "Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output."
 _JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", callback=json_target, help=_JSON_HELP)]
 

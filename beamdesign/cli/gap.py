@@ -312,19 +312,13 @@ def blindcheck(
 
 def echo_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.validation.blindcheck_result import (
-        BASELINE_COLUMNS,
-        TARGET_COLUMNS,
-        baseline_rows,
-        confusion,
-        target_rows,
-    )
+    from beamdesign.validation import blindcheck_result as told
     from beamdesign.validation.scoring import scores, split
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"
-    echo_table(title, TARGET_COLUMNS, target_rows(scores(large)))
-    echo_table("baselines on the same cases", BASELINE_COLUMNS, baseline_rows(large))
-    named = confusion(large)
+    echo_table(title, told.TARGET_COLUMNS, told.target_rows(scores(large)))
+    echo_table("baselines on the same cases", told.BASELINE_COLUMNS, told.baseline_rows(large))
+    named = told.confusion(large)
     rows = [(label, ", ".join(f"{name} {count}" for name, count in row.items())) for label, row in named.items()]
     echo_table("named first", ("truth", "named"), rows)

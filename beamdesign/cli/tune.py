@@ -44,12 +44,10 @@ def _unheeded(controller: str, sections: int, stages: int, **given: Any) -> Iter
         yield "--sections", f"is for --controller structured; a {controller} one does not grow"
     if stages != usual["stages"] and controller != "scheduled":
         yield "--stages", f"is for --controller scheduled; a {controller} one is one law"
+    reason = "is not heeded with --controller compliance; see `beamdesign stiffness`"
     for name in _NOT_OF_STIFFNESS if controller == "compliance" else ():
         if given[name] != usual[name]:
-            yield (
-                f"--{name.replace('_', '-')}",
-                "is not heeded with --controller compliance; see `beamdesign stiffness`",
-            )
+            yield f"--{name.replace('_', '-')}", reason
 
 
 @partial(command, problems=_unheeded)

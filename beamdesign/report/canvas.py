@@ -98,16 +98,10 @@ def plain_numbers(*scales: Axis) -> None:
 
 
 def note(
-    axes: Axes,
-    words: str,
-    at: tuple[float, float],
-    shift: tuple[float, float] = (0, 0),
-    ha: str = "center",
-    va: str = "baseline",
-    **more: Any,
+    axes: Axes, words: str, at: tuple[float, float], shift: tuple[float, float], ha: str = "center", **more: Any
 ) -> None:
     """Write at a point of the data, shifted by so many points of print."""
-    axes.annotate(words, at, xytext=shift, textcoords="offset points", fontsize=8, ha=ha, va=va, **more)
+    axes.annotate(words, at, xytext=shift, textcoords="offset points", fontsize=8, ha=ha, **more)
 
 
 def save(

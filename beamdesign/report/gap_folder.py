@@ -21,19 +21,9 @@ from beamdesign.proofs.scope import near_rest
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
+from beamdesign.report import gap_tables as tables
 from beamdesign.report.canvas import finish, in_page, new_figure, plain_numbers
 from beamdesign.report.figures import plot_compliance
-from beamdesign.report.gap_tables import (
-    closed_text,
-    condition_text,
-    error_maps,
-    figure_name,
-    fitted_figures,
-    indicator_table,
-    place,
-    share_text,
-    terms_table,
-)
 from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
 from beamdesign.structure.arm import off_axis
@@ -128,10 +118,11 @@ def gap_report_html(
     """
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
-    conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
-    own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, figure_name, terms_table)
+    conditions = {} if data is None else {r.name: tables.condition_text(r) for r in data.records}
+    told = tables.place, tables.figure_name, tables.terms_table
+    own = (decimal, stated_bandwidth, stated_peak, in_words, controller_text, *told)
     template = page_template(
-        "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, masses=masses_text
+        "gap_report.html", *own, share=tables.share_text, figure=_figure, closed=tables.closed_text, masses=masses_text
     )
     return template.render(
         found=found,
@@ -145,13 +136,13 @@ def gap_report_html(
             tuple(name for kind, name in files.items() if kind != "report"),
         ),
         files=files,
-        maps=error_maps(seen, conditions) if seen else (),
-        indicators=[(w, indicator_table(w.table)) for w in found.where.indicators],
+        maps=tables.error_maps(seen, conditions) if seen else (),
+        indicators=[(w, tables.indicator_table(w.table)) for w in found.where.indicators],
         learnt=[_curve(cause, k) for k, cause in enumerate(found.causes) if cause.table],
         bands=in_page(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
-        fitted=() if found.written is None else fitted_figures(found.written),
+        fitted=() if found.written is None else tables.fitted_figures(found.written),
         loops=terms,
         compliance=_compliance(found, data, terms, renewed),
         payloads=None if data is None or off_axis(data.prototype) else payload_range(data),
@@ -161,16 +152,16 @@ def gap_report_html(
 
 def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     where, gap = found.where, found.gap
-    least, most = (closed_text(value) for value in gap.closed_interval)
+    least, most = (tables.closed_text(value) for value in gap.closed_interval)
     rows = (
         ("verdict", VERDICTS[found.verdict] if not found.left_out else "not everything was compared in the time given"),
         ("held responsible", in_words(", ".join(found.chosen))),
         ("where", where.place),
-        ("error as believed", share_text(gap.before)),
-        ("re-tuned within tolerances", share_text(gap.tuned)),
-        ("with the cause" if found.chosen else "with the best model", share_text(gap.after)),
-        ("noise alone", share_text(gap.noise_floor)),
-        ("closed, with 90 % interval", f"{closed_text(gap.closed)} ({least} to {most})"),
+        ("error as believed", tables.share_text(gap.before)),
+        ("re-tuned within tolerances", tables.share_text(gap.tuned)),
+        ("with the cause" if found.chosen else "with the best model", tables.share_text(gap.after)),
+        ("noise alone", tables.share_text(gap.noise_floor)),
+        ("closed, with 90 % interval", f"{tables.closed_text(gap.closed)} ({least} to {most})"),
     )
     return tuple((name, text) for name, text in rows if text or name not in ("held responsible", "where"))
 

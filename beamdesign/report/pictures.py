@@ -20,18 +20,10 @@ from beamdesign.polynomial import exact, is_hurwitz, nearest
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import Guarantee, InStage, Prototype
 from beamdesign.quantities import decimal, masses_text, quantity, read_in, rigs_in_words, stated_bandwidth
+from beamdesign.report import figures
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
-from beamdesign.report.figures import (
-    passive_curves,
-    plot_compliance,
-    plot_loop_bode,
-    plot_nyquist,
-    plot_root_locus,
-    plot_sensitivity,
-    shade_compliance,
-)
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""
@@ -113,22 +105,22 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     (axes,) = framed("compliance", 105, caption)
     if len(ends) > 1:
         family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]
-        shade_compliance(axes, family, f"{FAMILY} masses of {span}")
-    plot_compliance(axes, curves, goal.compliance_m_per_N, beside=passive_curves(prototype, bounds[1]))
+        figures.shade_compliance(axes, family, f"{FAMILY} masses of {span}")
+    figures.plot_compliance(axes, curves, goal.compliance_m_per_N, beside=figures.passive_curves(prototype, bounds[1]))
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     if promised is not None:
         proved = [axes.get_xlim()[0], promised], [goal.compliance_m_per_N] * 2
         axes.plot(*proved, color="black", linewidth=3, solid_capstyle="butt")
 
     (axes,) = framed("sensitivity", 75, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help.")
-    plot_sensitivity(axes, curves, goal.peak_sensitivity)
+    figures.plot_sensitivity(axes, curves, goal.peak_sensitivity)
 
     caption = (
         "The loop transfer function L of the nominal rig. Dots: where |L| = 1. Bars, at the ends of the payload: the"
         " gain margin, and the phase margin at the crossover where it is least."
     )
     upper, lower = framed("loop", 125, caption, rows=2)
-    plot_loop_bode(upper, lower, curves, marked=[f"{decimal(mass)} kg" for mass in bounds])
+    figures.plot_loop_bode(upper, lower, curves, marked=[f"{decimal(mass)} kg" for mass in bounds])
 
     caption = "L of the nominal rig about the point -1, marked +; dots: nearest to it, 1 over the peak sensitivity."
     peak = guarantee.peak_sensitivity if promised is not None and guarantee else goal.peak_sensitivity
@@ -139,7 +131,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
             f" each has a gain margin of at least {gain} and a phase margin of at least {phase}°."
         )
     (axes,) = framed("nyquist", 82, caption)
-    plot_nyquist(axes, curves, peak)
+    figures.plot_nyquist(axes, curves, peak)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
     reach = max(_locus_reach(loop.at(mass)) for mass in ends)
@@ -205,7 +197,7 @@ def _locus_reach(loop: LoopAtMass) -> float:
 def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
     """The upper half of a root locus at one mass, up to `reach` in Hz."""
     factors = [*np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()]
-    plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
+    figures.plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
     axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
     axes.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)

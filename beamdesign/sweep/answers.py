@@ -8,20 +8,8 @@ from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import picked
-from beamdesign.sweep.case import (
-    ERRORS,
-    Answer,
-    ArmOptions,
-    AtMassOptions,
-    CertifyOptions,
-    CodesignOptions,
-    LimitsOptions,
-    RangeOptions,
-    RemediesOptions,
-    SimToRealOptions,
-    TuneOptions,
-    of_all,
-)
+from beamdesign.sweep import case
+from beamdesign.sweep.case import Answer, of_all
 from beamdesign.synthesis import REMEDY, SIZED
 
 if TYPE_CHECKING:
@@ -83,7 +71,7 @@ def run(problem: DesignProblem, options: Any) -> Answer:
     return Answer(outputs, details, found.reason)
 
 
-def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
+def codesign(problem: DesignProblem, options: case.CodesignOptions) -> Answer:
     """Lightest proved design of one problem: sections, end mass and controller together."""
     from beamdesign.synthesis.codesign import codesign as find_design
 
@@ -100,7 +88,7 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
     return Answer(point.columns(), details)
 
 
-def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
+def remedy(problem: DesignProblem, options: case.RemediesOptions) -> Answer:
     """One of the paper's remedies for payload, optimised from the given sections and proved."""
     from beamdesign.synthesis.remedies import remedies
 
@@ -111,7 +99,7 @@ def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
     return Answer(outputs, {"parts_kg": [list(part) for part in found.parts_kg]}, found.reason)
 
 
-def tune(prototype: Prototype, options: TuneOptions) -> Answer:
+def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     """Controller and inner end mass with the largest guaranteed bandwidth over the payload range.
 
     Of several laws the one of the least bandwidth, with those of each in the details.
@@ -134,7 +122,7 @@ def _effort(found: "Tuning") -> dict[str, Any]:
     return {"starts_Hz": list(found.starts), "certificates": found.certificates}
 
 
-def certify(prototype: Prototype, options: CertifyOptions) -> Answer:
+def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
     """What is proved of one prototype over its own payload range."""
     from beamdesign.proofs.certificate import Asked, describe
     from beamdesign.proofs.certifying import certify as prove
@@ -180,7 +168,7 @@ def _crossings(found: "Certificate") -> dict[str, Any]:
     }
 
 
-def stable_masses(prototype: Prototype, options: RangeOptions) -> Answer:
+def stable_masses(prototype: Prototype, options: case.RangeOptions) -> Answer:
     """Exact stable ranges of mass on the outer tip, with the frequencies at the crossings; none at all is a no."""
     from beamdesign.proofs.certifying import certify as prove
 
@@ -190,7 +178,7 @@ def stable_masses(prototype: Prototype, options: RangeOptions) -> Answer:
     return Answer(ends | _crossings(found), {"method": found.method}, "" if ranges else found.stability.reason)
 
 
-def robust(prototype: Prototype, options: RangeOptions) -> Answer:
+def robust(prototype: Prototype, options: case.RangeOptions) -> Answer:
     """Prove one rig over its payload range, and find its longest stable range between the masses of the options.
 
     Everything is exact for this one set of figures. A loop that is not stable over its payload has no bandwidth: 0.
@@ -224,7 +212,7 @@ def lag_breaks(prototype: Prototype, options: Any) -> Answer:
     return Answer(outputs, reason="" if found else f"no zero is stable for every mass from {low:g} to {high:g} kg")
 
 
-def at_mass(prototype: Prototype, options: AtMassOptions) -> Answer:
+def at_mass(prototype: Prototype, options: case.AtMassOptions) -> Answer:
     """Stability, margins and bandwidth at one mass on the outer tip; an unstable loop is a no."""
     from beamdesign.loop import critical_gain, loop
 
@@ -246,7 +234,7 @@ def at_mass(prototype: Prototype, options: AtMassOptions) -> Answer:
     return Answer(outputs)
 
 
-def arm(prototype: Prototype, options: ArmOptions) -> Answer:
+def arm(prototype: Prototype, options: case.ArmOptions) -> Answer:
     """Both planes with torsion over the payload range, and the error that a load leaves; "no" where not stable."""
     from beamdesign.proofs.arm.result import arm as work_out
     from beamdesign.proofs.arm.result import usual_load_N
@@ -258,7 +246,7 @@ def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     if found.with_servo is not None:
         outputs["error_m"] = found.with_servo.size_m
         outputs |= {f"error_by_{cause}_m": size for cause, size in found.with_servo.shares_m.items()}
-        outputs |= dict(zip(ERRORS.split(), found.with_servo.rotation_rad, strict=True))
+        outputs |= dict(zip(case.ERRORS.split(), found.with_servo.rotation_rad, strict=True))
     outputs["torsion_tip_held_Hz"] = found.frequencies[-1].torsion_held_Hz
     sure = [plane.guaranteed for plane in found.planes if plane.guaranteed is not None]
     if sure and len(sure) == len(found.planes):  # the worse of both; nothing where the payload couples them
@@ -267,7 +255,7 @@ def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     return Answer(outputs, {"notes": list(found.figures.notes)}, found.reason)
 
 
-def limits(prototype: Prototype, options: LimitsOptions) -> Answer:
+def limits(prototype: Prototype, options: case.LimitsOptions) -> Answer:
     """Largest force on the tip at 1, 10 and 100 Hz with one mass there, what governs it, and the static error."""
     import numpy as np
 
@@ -287,7 +275,7 @@ def limits(prototype: Prototype, options: LimitsOptions) -> Answer:
     return Answer(outputs, {"missing": found.missing}, found.reason)
 
 
-def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
+def sim_to_real(prototype: Prototype, options: case.SimToRealOptions) -> Answer:
     """Design, build a virtual rig, take records, diagnose, redesign, and look at the rig again.
 
     Bandwidths are proved of the model that they name. Whether a design runs is simulated on the virtual rig; gain
@@ -306,28 +294,28 @@ def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
         return Answer({}, reason=designed.reason)
     built = (options.effect, options.severity, options.seed, options.duration_s)
     try:
-        case = virtual_rig(designed.prototype, masses, *built)
+        rig = virtual_rig(designed.prototype, masses, *built)
     except RunawayError as error:
         return Answer({"believed_bandwidth_Hz": designed.best.bandwidth_Hz}, reason=str(error))
     with TemporaryDirectory() as folder:
-        write_case(case, Path(folder))
+        write_case(rig, Path(folder))
         data = read_dataset(folder)
     found = diagnose(data, workers=1)
     renewed = redesign(found.prototype, masses)
     linear, new = options.effect in LINEAR, renewed.prototype
     outputs = {
         "believed_bandwidth_Hz": designed.best.bandwidth_Hz,
-        "believed_design_runs": runs(case, designed.prototype, masses),
-        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses) if linear else None,
+        "believed_design_runs": runs(rig, designed.prototype, masses),
+        "believed_design_gain_margin": gain_margin(rig, designed.prototype, masses) if linear else None,
         "verdict": found.verdict,
         "named": list(found.chosen),
-        "named_rightly": list(found.chosen) == list(case.names if case.departures else ()),
+        "named_rightly": list(found.chosen) == list(rig.names if rig.departures else ()),
         "gap_before": found.gap.before,
         "gap_after": found.gap.after,
         "gap_closed": found.gap.closed,
         "redesigned_bandwidth_Hz": new.guarantee.bandwidth_Hz if new is not None and new.guarantee else None,
-        "redesign_runs": None if new is None else runs(case, new, masses),
-        "redesign_gain_margin": gain_margin(case, new, masses) if new is not None and linear else None,
+        "redesign_runs": None if new is None else runs(rig, new, masses),
+        "redesign_gain_margin": gain_margin(rig, new, masses) if new is not None and linear else None,
     }
     details = {
         "sentences": found.sentences,

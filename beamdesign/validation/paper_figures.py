@@ -136,7 +136,7 @@ def _bode(curves: Mapping[str, LoopAtMass], marked_Hz: Sequence[float], words: s
     between = float(np.sqrt(np.prod(pair_Hz(loop))))
     response = loop.loop_response(np.geomspace(0.1, between, 4000))
     level = float(np.degrees(np.unwrap(np.angle(response)))[-1])
-    note(phase, words, (between, level), (-70, 0), "right", "center", arrowprops=_ARROW)
+    note(phase, words, (between, level), (-70, 0), "right", va="center", arrowprops=_ARROW)
     return figure, magnitude
 
 
