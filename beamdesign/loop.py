@@ -12,22 +12,12 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
+from beamdesign import polynomial
 from beamdesign.arguments import checked_mass_kg, takes
 from beamdesign.controllers import Controller
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.members import VertexModel, family
-from beamdesign.polynomial import (
-    Affine,
-    Crossing,
-    at_points,
-    crossings,
-    exact,
-    is_hurwitz,
-    peak,
-    real_roots,
-    roots,
-    squared_magnitude,
-)
+from beamdesign.polynomial import Affine, Crossing, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.result import Result
 
@@ -240,7 +230,7 @@ class LoopAtMass:
             ValueError: where a root lies there at every gain.
         """
         try:
-            return crossings(Affine(self.loop_denominator, self.loop_numerator))
+            return polynomial.crossings(Affine(self.loop_denominator, self.loop_numerator))
         except ArithmeticError as error:
             reason = "this loop has an undamped mode on the imaginary axis that no gain can move (uncontrollable)"
             raise ValueError(reason) from error
@@ -281,7 +271,7 @@ class LoopAtMass:
 
     def peak_sensitivity(self) -> float:
         """Largest |S| over all frequencies, of which nothing is swept; infinite for an unstable loop."""
-        return float(peak(self.loop_denominator, self.characteristic).mid()) if self.stable else inf
+        return float(polynomial.peak(self.loop_denominator, self.characteristic).mid()) if self.stable else inf
 
     def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
         """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.
@@ -370,4 +360,4 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
 
 def _ratio(numerator: fmpq_poly, denominator: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:
     s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
-    return np.asarray(at_points(numerator, s) / at_points(denominator, s))
+    return np.asarray(polynomial.at_points(numerator, s) / polynomial.at_points(denominator, s))

@@ -13,22 +13,8 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import (
-    TWO_PI,
-    Effect,
-    Elements,
-    Exact,
-    Figures,
-    Law,
-    Linear,
-    Operation,
-    Parameter,
-    Site,
-    Span,
-    dahl_rate,
-    limited,
-    play,
-)
+from beamdesign.plant import effects
+from beamdesign.plant.effects import Effect, Elements, Exact, Figures, Law, Linear, Operation, Parameter, Site, Span
 from beamdesign.plant.effects.valve_hysteresis import MAGNETIC
 from beamdesign.plant.learnt_places import PLACES, Place, Signal
 
@@ -124,7 +110,7 @@ def _curve(place: Place, kind: str) -> Effect:
     size, sized = _scale("size", place.size, "size of the port's own signal in the data")
 
     def law(signal: Any, site: Site) -> Any:
-        u = limited(argument(signal, site) / site.parameter[reach.name], _FURTHEST)
+        u = effects.limited(argument(signal, site) / site.parameter[reach.name], _FURTHEST)
         return site.parameter[size.name] * curve(site.parameter, u)
 
     def slopes(own: Figures) -> Span:
@@ -177,7 +163,7 @@ def _loop(place: Place, kind: str) -> Effect:
     def law(signal: Any, site: Site) -> Any:
         own, added = site.parameter, 0.0
         for name, width in _WIDTHS.items():
-            site.rate[name] = dahl_rate(rate(signal, site) / (width * own[reach.name]), site.state[name])
+            site.rate[name] = effects.dahl_rate(rate(signal, site) / (width * own[reach.name]), site.state[name])
             added += own[name] * site.state[name]
         return own[size.name] * added
 
@@ -205,7 +191,7 @@ def _play(place: Place, kind: str) -> Effect:
 
     def law(signal: Any, site: Site) -> Any:
         own = site.parameter
-        return own["held_share"] * (play(signal, own["half_width"] * own[size.name], site, "left") - signal)
+        return own["held_share"] * (effects.play(signal, own["half_width"] * own[size.name], site, "left") - signal)
 
     parameters = (
         Parameter("half_width", 0.03, 1e-4, 1.0, 1.2, "half the way through the play, over the size"),
@@ -228,7 +214,7 @@ def _lag(place: Place, kind: str) -> Effect:
         return of * site.parameter["share"] * (value - late)
 
     def elements(own: Exact, figure: Exact) -> Elements:
-        w, share = TWO_PI * own["break_Hz"], own["share"]
+        w, share = effects.TWO_PI * own["break_Hz"], own["share"]
         if place.motion is None:
             return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
         spring = figure[place.stiffness] * share
@@ -262,7 +248,7 @@ def _appendage(place: Place, kind: str) -> Effect:
         return own["mass_kg"] * pull
 
     def elements(own: Exact, figure: Exact) -> Elements:
-        w, mass, swings = TWO_PI * own["frequency_Hz"], own["mass_kg"], f"{place.name}_appendage"
+        w, mass, swings = effects.TWO_PI * own["frequency_Hz"], own["mass_kg"], f"{place.name}_appendage"
         tied = (mass * w**2, 2 * own["damping_ratio"] * w * mass)
         return Elements((({**motion, swings: fmpq(-1)}, tied), ({swings: fmpq(1)}, (fmpq(0), fmpq(0), mass))))
 
@@ -287,7 +273,7 @@ def _resonance(place: Place, kind: str) -> Effect:
         return -own["share"] * apart
 
     def elements(own: Exact, figure: Exact) -> Elements:
-        w, kept = TWO_PI * own["frequency_Hz"], 1 - own["share"]
+        w, kept = effects.TWO_PI * own["frequency_Hz"], 1 - own["share"]
         below = (w**2, 2 * own["damping_ratio"] * w, fmpq(1))
         return Elements(volts=(((w**2, kept * below[1], kept), below),))
 

@@ -16,17 +16,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from beamdesign.loop import CriticalGain
-from beamdesign.plant.harmonic_balance import (
-    DISPLACEMENT,
-    HARMONICS,
-    FreeRig,
-    Motion,
-    NoBalance,
-    Unknown,
-    balance,
-    motion_of,
-    multipliers,
-)
+from beamdesign.plant import harmonic_balance
+from beamdesign.plant.harmonic_balance import HARMONICS, FreeRig, Motion, NoBalance, Unknown, motion_of
 from beamdesign.prototype import Prototype
 
 _NEARBY = 0.999
@@ -217,7 +208,7 @@ def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float) -> Unk
         c = unknown[0].copy()
         c[:, 1:] *= ratio
         try:
-            unknown, at = balance(rig, (c, unknown[1], unknown[2]), target), target
+            unknown, at = harmonic_balance.balance(rig, (c, unknown[1], unknown[2]), target), target
             if abs(at / amplitude - 1) < 1e-12:
                 return unknown
             step = 1.0
@@ -232,7 +223,7 @@ def _eigenmotion(rig: FreeRig, at: CriticalGain) -> np.ndarray:
     model = rig.linear(at.gain_A_per_V)
     values, vectors = np.linalg.eig(model.a)
     shape = vectors[:, np.argmin(np.abs(values - 1j * tau * at.frequency_Hz))]
-    return np.asarray(shape / (model.c[DISPLACEMENT] @ shape))
+    return np.asarray(shape / (model.c[harmonic_balance.DISPLACEMENT] @ shape))
 
 
 def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
@@ -240,6 +231,6 @@ def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
 
     These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
     """
-    found = multipliers(rig, c, omega, gain)
+    found = harmonic_balance.multipliers(rig, c, omega, gain)
     others = np.delete(found, np.argsort(np.abs(found - 1))[:2])
     return bool(np.all(np.abs(others) < 1))

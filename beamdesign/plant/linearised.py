@@ -131,7 +131,8 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
     velocity = ca.vertcat(tip, inner_tip) @ back @ bare[0]
     # What a force on the inner tip does: as the spring of the inner beam without a mass there and with a little.
     pushed = -slope / (velocity[1, :] @ bare[0])[inner]
-    sample = _sample(len(joined.parameters))
+    drawn = random.Random(1984)  # parameters of no particular value: what vanishes for these vanishes for all
+    sample = [fmpq(drawn.randrange(10**8, 10**9), drawn.randrange(10**8, 10**9)) for _ in joined.parameters]
     found = [_without_zeros(matrix, p, sample) for matrix in (ca.horzcat(bare[1][:, 0], pushed), velocity, *bare)]
     _check_masses(found, whole[:2], p, sample, masses)
     kept = _driven_or_seen(found, states, actuator.unseen)
@@ -158,12 +159,6 @@ def _coordinates(
     of_new = {name: old[_FROM.get(name, name)] for name in (*_FROM, *more)} | actuator.to_linear(old, figure, tip @ x)
     to = ca.jacobian(ca.vertcat(*(of_new[name] for name in states)), x)
     return states, to, ca.jacobian(ca.vertcat(*(of_old[name] for name in old)), z)
-
-
-def _sample(count: int) -> list[fmpq]:
-    """Parameters of no particular value: what vanishes for these vanishes for all."""
-    drawn = random.Random(1984)
-    return [fmpq(drawn.randrange(10**8, 10**9), drawn.randrange(10**8, 10**9)) for _ in range(count)]
 
 
 def _without_zeros(matrix: ca.SX, p: ca.SX, sample: Sequence[fmpq]) -> ca.SX:

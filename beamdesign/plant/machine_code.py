@@ -151,7 +151,9 @@ class Body:
         pending = [k]
         while pending:
             top = pending[-1]
-            needed = () if self._is_leaf(top) else self._values[top].of
+            value = self._values[top]
+            kept = value.fixed and self._kept is not None
+            needed = () if kept or value.code in (ca.OP_CONST, ca.OP_INPUT) else value.of
             missing = [j for j in needed if j not in self._names]
             if top in self._names or not missing:
                 pending.pop()
@@ -160,10 +162,6 @@ class Body:
             else:
                 pending += missing
         return self._names[k]
-
-    def _is_leaf(self, k: int) -> bool:
-        value = self._values[k]
-        return value.code in (ca.OP_CONST, ca.OP_INPUT) or (value.fixed and self._kept is not None)
 
     def _written(self, k: int) -> str:
         value = self._values[k]

@@ -187,8 +187,8 @@ def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], fo
             axes.set_axis_off()
             axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
         else:
-            figure = new_figure(height_mm=30 + 9 * len(records) if asked.kind == "bars" else _HEIGHTS_MM[asked.kind])
-            _KINDS[asked.kind](figure, asked, records, *names)
+            plot, height_mm, each_mm = _KINDS[asked.kind]
+            plot(figure := new_figure(height_mm=height_mm + each_mm * len(records)), asked, records, *names)
         written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
     if conclusion.get("sensitivity"):
         written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
@@ -372,12 +372,12 @@ def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-_KINDS: dict[str, Callable[..., None]] = {
-    "lines": _lines,
-    "bars": _bars,
-    "map": _map,
-    "lag_breaks": _lag_breaks,
-    "end_masses": _end_masses,
-    "histogram": _histogram,
+_KINDS: dict[str, tuple[Callable[..., None], float, float]] = {
+    "lines": (_lines, 110.0, 0.0),
+    "bars": (_bars, 30.0, 9.0),
+    "map": (_map, 110.0, 0.0),
+    "lag_breaks": (_lag_breaks, 110.0, 0.0),
+    "end_masses": (_end_masses, 150.0, 0.0),
+    "histogram": (_histogram, 90.0, 0.0),
 }
-_HEIGHTS_MM = {"lines": 110.0, "map": 110.0, "lag_breaks": 110.0, "end_masses": 150.0, "histogram": 90.0}
+"""What draws each kind of picture, its height, and what each row adds to that, mm."""

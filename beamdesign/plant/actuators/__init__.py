@@ -112,6 +112,11 @@ class Row(NamedTuple):
     unit: str
     key: str = ""
 
+    @classmethod
+    def to_buy(cls, name: str, needed: float, stated: float | None, unit: str, key: str) -> "Row":
+        """One that is said with the margin on what is bought."""
+        return cls(f"{name}, × {MARGIN:g}", MARGIN * needed, stated, unit, key)
+
     @property
     def basis(self) -> str:
         """Whether it is computed or given."""

@@ -222,7 +222,8 @@ class BallScrew(Actuator):
     def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
         """See `Actuator`. The life of the screw is (C_a / F)^3 million turns, ISO 3408-5:2006, F its largest force."""
         torque, force, still = self.torque_constant_N_m_per_A, need["force_N"], self.holding(prototype, load_N)[1]
-        least, at_nut = f", × {MARGIN:g}", self.rotor_inertia_kg_m2 / (self.lead_m / (2 * pi)) ** 2
+        at_nut, to_buy = self.rotor_inertia_kg_m2 / (self.lead_m / (2 * pi)) ** 2, Row.to_buy
+        peak, effective, command = (need[name] for name in ("peak_current_A", "effective_current_A", "drive_command_V"))
         rows = (
             Row("lead of the screw", self.lead_m, None, "m"),
             Row("axial stiffness of screw, nut and bearings K_s", self.screw_stiffness_N_per_m, None, "N/m"),
@@ -236,25 +237,18 @@ class BallScrew(Actuator):
                 "motor current that holds load and weight at rest", still, self.continuous_current_A, "A",
                 "rest_current_A",
             ),
-            Row(
-                f"peak current{least}", MARGIN * need["peak_current_A"], self.stated(prototype, self.ratings[0]), "A",
-                "peak_current_A",
-            ),
-            Row(
-                f"continuous current (RMS){least}", MARGIN * need["effective_current_A"], self.continuous_current_A,
-                "A", "continuous_current_A",
-            ),
+            to_buy("peak current", peak, self.stated(prototype, self.ratings[0]), "A", "peak_current_A"),
+            to_buy("continuous current (RMS)", effective, self.continuous_current_A, "A", "continuous_current_A"),
             Row("current of the drive per volt of its command", self.drive_gain(), None, "A/V"),
-            Row(
-                f"command of the drive, its feedback of the speed included{least}", MARGIN * need["drive_command_V"],
-                _COMMAND_V, "V", "drive_command_V",
+            to_buy(
+                "command of the drive, its feedback of the speed included", command, _COMMAND_V, "V", "drive_command_V"
             ),
-            Row(f"peak torque{least}", MARGIN * torque * need["peak_current_A"], None, "N m", "peak_torque_N_m"),
-            Row(
-                f"speed of the rotor{least}", MARGIN * need["speed_rad_per_s"], self.largest_speed_rad_per_s, "rad/s",
+            Row(f"peak torque, × {MARGIN:g}", MARGIN * torque * peak, None, "N m", "peak_torque_N_m"),
+            to_buy(
+                "speed of the rotor", need["speed_rad_per_s"], self.largest_speed_rad_per_s, "rad/s",
                 "largest_speed_rad_per_s",
             ),
-            Row(f"peak power of the shaft{least}", MARGIN * need["shaft_power_W"], None, "W", "shaft_power_W"),
+            to_buy("peak power of the shaft", need["shaft_power_W"], None, "W", "shaft_power_W"),
             Row("largest axial force on the screw", force, None, "N", "axial_force_N"),
         )  # fmt: skip
         if self.dynamic_load_N is None or not force:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, of_effect, turn
+from beamdesign.plant.actuators import Actuator, Change, Demand, Held, Limit, Rating, Row, of_effect, turn
 from beamdesign.plant.component import Component, Parameter, Signals, either
 from beamdesign.records import Record
 
@@ -282,8 +282,8 @@ class ServoCylinder(Actuator):
         """See `Actuator`."""
         area, valve, supply = self.piston_area_m2, valve_of(prototype), prototype.supply
         side = self.smaller_side(prototype)
-        pressure = need["force_N"] / side
-        least = f", × {MARGIN:g}"
+        pressure, flow, unloaded = need["force_N"] / side, need["flow_m3_per_s"], need["no_load_flow_m3_per_s"]
+        to_buy = Row.to_buy
         return (
             Row("piston area, mean of both sides", area, None, "m2"),
             Row("bore, as a full circle", (4 * area / pi) ** 0.5, None, "m"),
@@ -298,19 +298,10 @@ class ServoCylinder(Actuator):
                 "supply pressure of which the load takes 2/3", pressure / PRESSURE_SHARE, supply.pressure_Pa, "Pa",
                 "supply_pressure_Pa",
             ),
-            Row("flow through the valve under load", need["flow_m3_per_s"], None, "m3/s", "flow_m3_per_s"),
-            Row(
-                f"no-load flow of the valve at the given supply{least}", MARGIN * need["no_load_flow_m3_per_s"], None,
-                "m3/s", "no_load_flow_m3_per_s",
-            ),
-            Row(
-                f"rated current of the valve{least}", MARGIN * need["current_A"], valve.rated_current_A, "A",
-                "rated_current_A",
-            ),
-            Row(
-                f"flow of the supply{least}", MARGIN * need["flow_m3_per_s"], supply.flow_m3_per_s, "m3/s",
-                "supply_flow_m3_per_s",
-            ),
+            Row("flow through the valve under load", flow, None, "m3/s", "flow_m3_per_s"),
+            to_buy("no-load flow of the valve at the given supply", unloaded, None, "m3/s", "no_load_flow_m3_per_s"),
+            to_buy("rated current of the valve", need["current_A"], valve.rated_current_A, "A", "rated_current_A"),
+            to_buy("flow of the supply", flow, supply.flow_m3_per_s, "m3/s", "supply_flow_m3_per_s"),
             Row("valve flow gain K_q", valve.flow_gain_m3_per_s_per_A, None, "m3/s/A"),
             Row("valve natural frequency", valve.natural_frequency_Hz, None, "Hz"),
             Row("valve damping ratio", valve.damping_ratio, None, "1"),
