@@ -4,13 +4,8 @@ Symbols are those of Zalucky and Hardt (1984), equations (7) to (18), where the 
 """
 
 from beamdesign.plant.actuators import KINDS, Actuator
-from beamdesign.plant.component import Parameter, with_unit
+from beamdesign.plant.component import Parameter
 from beamdesign.prototype import Tolerance
-
-__all__ = [
-    "PARAMETERS", "RIG_TOLERANCES", "TOLERANCES", "TORSION", "TYPICAL", "Parameter", "rows_of", "stated_or_typical",
-    "typical_of", "with_unit",
-]  # fmt: skip
 
 
 def _beam(which: str, letter: str) -> tuple[Parameter, ...]:

@@ -52,11 +52,6 @@ class Beam(Shaped):
         tube, length, alloy = self.tube, self.free_length_m, self.material
         return None if tube is None or length is None or alloy is None else (alloy, tube, length)
 
-    @property
-    def has_geometry(self) -> bool:
-        """Whether it has one."""
-        return self.geometry is not None
-
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The tube is possible, and the lumped figures can be had."""

@@ -5,8 +5,9 @@ from math import pi
 import pytest
 
 from beamdesign import Prototype
-from beamdesign.parameters import PARAMETERS, rows_of, with_unit
+from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.actuators import KINDS
+from beamdesign.plant.component import with_unit
 from beamdesign.plant.effects import SUBSYSTEMS
 from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import figures

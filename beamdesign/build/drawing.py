@@ -37,7 +37,7 @@ def missing_geometry(prototype: Prototype) -> str:
         for key in ("width_m", "wall_m", "free_length_m", "material")
         if getattr(getattr(prototype, f"{name}_beam"), key) is None
     ]
-    one = prototype.outer_beam.has_geometry or prototype.inner_beam.has_geometry
+    one = prototype.outer_beam.geometry or prototype.inner_beam.geometry
     given = "the geometry of one beam" if one else "lumped figures"
     words = f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
     return words if lacking else ""

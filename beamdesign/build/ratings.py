@@ -119,7 +119,7 @@ def stock_choices(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple
 
     With a stock tube its lumped figures are those of its geometry, whatever was measured on the tube it replaces.
     """
-    if not (prototype.outer_beam.has_geometry and prototype.inner_beam.has_geometry):
+    if not (prototype.outer_beam.geometry and prototype.inner_beam.geometry):
         return None
     return tuple(_choice(prototype, name, masses_kg) for name in ("outer", "inner"))
 

@@ -203,7 +203,7 @@ def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, letter, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
         found = lumped_beam(record)
-        measured = "measured; it replaces what the geometry gives" if record.has_geometry else "measured"
+        measured = "measured; it replaces what the geometry gives" if record.geometry else "measured"
         stiff = "geometry, equation (3) on the free length" if record.stiffness_N_per_m is None else measured
         heavy = "geometry, equation (5)" if record.effective_mass_kg is None else measured
         damped = f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added"

@@ -17,16 +17,11 @@ from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.plant.actuators import WithActuator
 from beamdesign.plant.component import SAMPLED, Law, PortLaw
 from beamdesign.plant.effects import Effect, Site, laws_of, library, problems
-from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, TWIST, WALL_FIGURES
+from beamdesign.plant.rigs import OUTPUTS, RIGS, TWIST, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped
 from beamdesign.structure.arm import LEVER_FIGURES, lever_figures, off_axis
-
-__all__ = [
-    "INPUTS", "MORE_FIGURES", "OUTPUTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
-    "effect_parameters_of", "join", "parameters_of", "problem_without_controller", "structure_of",
-]  # fmt: skip
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
 

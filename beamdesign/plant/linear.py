@@ -9,8 +9,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.plant.actuators import KINDS
-from beamdesign.plant.assembly import MORE_FIGURES
 from beamdesign.plant.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
+from beamdesign.plant.rigs import MORE_FIGURES
 from beamdesign.polynomial import Affine, Quotient, exact
 
 DISPLACEMENT = ("displacement_m",)

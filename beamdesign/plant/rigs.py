@@ -152,7 +152,7 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
 RIGS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
 """By the `rig` of their prototypes: its kind, or its actuator where that is not that of Zalucky and Hardt (1984)."""
 
-STATES, OUTPUTS = RIGS["twin_beam"].states, tuple(RIGS["twin_beam"].outputs)
+OUTPUTS = tuple(RIGS["twin_beam"].outputs)
 
 
 def figures_of(rig: str) -> tuple[str, ...]:

@@ -9,7 +9,8 @@ from math import inf, pi
 from flint import arb, fmpq
 
 from beamdesign.controllers import Proportional
-from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
+from beamdesign.parameters import PARAMETERS, TOLERANCES
+from beamdesign.plant.component import with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import bounds, exact, nearest, shortened
 from beamdesign.proofs.box import Box, BoxVerdict, Dashpot, box_of, certify_box, unstable_member

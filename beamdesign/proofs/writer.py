@@ -137,7 +137,7 @@ def _alloys(prototype: Prototype) -> Tables:
     """Moduli and density of what the beams are of where figures follow from their geometry; of an arm, torsion's do."""
     found, outer = {}, prototype.outer_beam
     beams = [b for b in (outer, prototype.inner_beam) if b.stiffness_N_per_m is None or b.effective_mass_kg is None]
-    for beam in beams + [outer] * (prototype.arm is not None and outer.has_geometry):
+    for beam in beams + [outer] * (prototype.arm is not None and outer.geometry is not None):
         alloy = beam.material
         assert alloy is not None  # else its figures would be stated
         keys = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")

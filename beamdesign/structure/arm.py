@@ -72,7 +72,7 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     if beam.free_length_m is None:
         wrong.append(Problem("outer_beam.free_length_m", "missing; turning of the tip needs it"))
     given, added = arm.torsional_stiffness_N_m_per_rad, arm.end_polar_inertia_kg_m2 + arm.payload_polar_inertia_kg_m2
-    if not beam.has_geometry:
+    if beam.geometry is None:
         reason = "missing; give it, or width_m, wall_m, free_length_m and material of the outer beam"
         needed = {"torsional_stiffness_N_m_per_rad": given is None, "end_polar_inertia_kg_m2": added == 0}
         wrong += [Problem(f"arm.{key}", reason) for key, missing in needed.items() if missing]

@@ -237,7 +237,7 @@ def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payloa
     thicker: float | None = None
     wider: float | None = None
     tube = beam.tube
-    if tube is not None and beam.has_geometry and needed > 0:
+    if tube is not None and beam.geometry is not None and needed > 0:
         # A given stiffness need not be the section's: what is asked for scales the section as it stands.
         target = needed / figures.torsional_stiffness * float(tube.torsion_constant)
         wall = _least(lambda value: tube.at(tube.width_m, value), target, tube.wall_m, _WALL_SHARE * tube.width_m)

@@ -118,7 +118,7 @@ def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
     if figures.coupled:
         units = ("stiffness_N_m_per_rad", "damping_N_m_s_per_rad", "polar_inertia_kg_m2")
         table["torsion"] = dict(zip(units, texts(figures.twist.coeffs()), strict=True))
-    if figures.coupled and beam.has_geometry:
+    if figures.coupled and beam.geometry is not None:
         keys = ("shape", "width_m", "wall_m", "corner_radius_m", "material")
         table["section"] = {key: value for key, value in plain(beam).items() if key in keys}
     return stated(table)
