@@ -147,7 +147,9 @@ def _marked(name: str, hint: Any, help: str | None) -> Any:
     given, mark = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, usual)
     mark = copy(mark)
     mark.help = help or usual_help
-    if not isinstance(mark, ArgumentInfo) and mark.default is ...:  # else it goes by names of its own
+    if isinstance(mark, ArgumentInfo):
+        mark.autocompletion = mark.autocompletion or usual.autocompletion
+    elif mark.default is ...:  # else it goes by names of its own
         mark.param_decls = (_option(name),)
     return Annotated[given, mark]
 

@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import beamdesign
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    command,
-    figures_of,
-    in_time,
-    mass_range,
-    toml_files,
-    write_drawn,
-)
+from beamdesign.cli.command import CommandResult, Figure, command, figures_of, in_time, mass_range, write_drawn
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, spare
 from beamdesign.cli.study import echo_checks
 from beamdesign.files import write_set
@@ -27,8 +18,6 @@ _DESIGNING = 0.85
 """Share of the time that goes into the design of `run`; the rest is for its page."""
 
 if TYPE_CHECKING:
-    from beamdesign.problem import DesignProblem
-    from beamdesign.prototype import Prototype
     from beamdesign.synthesis.codesign import Codesign
     from beamdesign.synthesis.design_run import DesignRun
 
@@ -103,7 +92,7 @@ def run(
     )
 
 
-def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tuple["DesignProblem", float]:
+def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tuple["beamdesign.DesignProblem", float]:
     """The study, with a word on what of it is taken otherwise than stated, and the standard deviations that count.
 
     Sections of free sizes are sought whatever it says where `free` is set.
@@ -136,7 +125,7 @@ _STUDY_TABLES = {"load", "sections", "clearance", "safety"}
 
 @command
 def size(
-    study: Annotated[Path, typer.Argument(autocompletion=toml_files, metavar="STUDY-OR-PROTOTYPE")],
+    study: Annotated[Path, typer.Argument(metavar="STUDY-OR-PROTOTYPE")],
     tip_force_N: Annotated[float | None, Figure("Force")] = None,
 ) -> CommandResult:
     """Find the lightest tubes for a study, or check a rig's.
@@ -180,7 +169,7 @@ def size(
     return CommandResult(found.to_dict(), found.feasible)
 
 
-def _echo_weight(rig: "Prototype", load_N: float, key: str) -> None:
+def _echo_weight(rig: "beamdesign.Prototype", load_N: float, key: str) -> None:
     """The weight that no check of sections counts, and that it is to be no more than the load."""
     from beamdesign.plant.members import weight_N
     from beamdesign.quantities import at_most

@@ -14,7 +14,6 @@ from beamdesign.files import fresh_folder, settled
 from beamdesign.result import picked
 
 if TYPE_CHECKING:
-    from beamdesign.prototype import Prototype
     from beamdesign.report.charts import Limits
     from beamdesign.scenario import Scenario
     from beamdesign.simulation import SimulatedRecord, Simulation
@@ -59,7 +58,7 @@ def simulate(
     return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
 
 
-def _echo_loop(rig: "Prototype", plan: "Scenario", found: "Simulation") -> "Limits":
+def _echo_loop(rig: "beamdesign.Prototype", plan: "Scenario", found: "Simulation") -> "Limits":
     """Tell how the records of a loop went; what its pictures show as limits."""
     from beamdesign.plant.assembly import effect_parameters_of
     from beamdesign.plant.effects import laws_of
