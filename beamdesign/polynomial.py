@@ -212,11 +212,8 @@ def real_roots(polynomial: fmpq_poly, precision_bits: int = 128) -> list[tuple[a
 
 def roots(polynomial: fmpq_poly) -> np.ndarray:
     """All complex roots as floats, each as often as its multiplicity, by real then imaginary part."""
-    found = [
-        complex(float(root.real.mid()), float(root.imag.mid()))
-        for root, count in _complex_roots(polynomial)
-        for _ in range(count)
-    ]
+    each = (root for root, count in _complex_roots(polynomial) for _ in range(count))
+    found = [complex(float(root.real.mid()), float(root.imag.mid())) for root in each]
     return np.array(sorted(found, key=lambda z: (z.real, z.imag)))
 
 

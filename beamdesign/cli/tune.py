@@ -193,14 +193,11 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     echo(f"proved {holds_for(stage.prototype, best.sigmas)}; {law.certificates} stability certificates on the way")
     echo(*certificate.scope, before="  ")
     echo_aside(stage.prototype)
+    limits = picked(goal, "loop_gain loop_gain_from_Hz controller_effort_A_per_V")
     return {
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
-        "guaranteed": {
-            **found,
-            **picked(goal, "loop_gain loop_gain_from_Hz controller_effort_A_per_V"),
-            **picked(certificate, "method scope"),
-        },
+        "guaranteed": found | limits | picked(certificate, "method scope"),
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }

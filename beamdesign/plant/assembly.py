@@ -117,10 +117,7 @@ def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, Port
     )
 
     port: dict[str, Any] = state | given  # effects may read any state of the rig
-    sites = {
-        effect.name: Site(port, figure, _own(effect.name, figure), _own(effect.name, state), {}, time)
-        for effect in effects
-    }
+    sites = {one.name: Site(port, figure, _own(one.name, figure), _own(one.name, state), {}, time) for one in effects}
     for name, signal_of in laws.items():
         if name == "error_V" and kinds.own_share != 1.0:  # what a record brings with the command, taken out of it again
             port["command_V"] += (1 - kinds.own_share) * port["measured_V"]

@@ -143,7 +143,7 @@ def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, n
         wrong.append(Problem("sampled", "a bench has no controller"))
     if scenario.measurement != type(scenario.measurement)():
         wrong.append(Problem("measurement", "instrument noise is made for twin beams only"))
-    commands = {}
+    driven = {}
     for row in scenario.record:
         given = inputs_of(row, scenario)
         if np.any(given[:, 0]):
@@ -154,13 +154,10 @@ def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, n
             wrong.append(Problem(f"record.{row.name}", "a bench has no beams and no end masses"))
         given_too = (key for key in ("wall", "payload_change") if getattr(row, key) is not None)
         wrong.extend(Problem(f"record.{row.name}.{key}", "is for a twin beam") for key in given_too)
-        commands[row.name] = given[:, 1]
+        driven[row.name] = given[:, 1], row.start_m, row.preload_N
     if wrong:
         raise InputError(scenario.name, wrong)
-    return {
-        row.name: replay(prototype, scenario.times, commands[row.name], row.start_m, row.preload_N)
-        for row in scenario.record
-    }
+    return {name: replay(prototype, scenario.times, *how) for name, how in driven.items()}
 
 
 def _stiff_places(

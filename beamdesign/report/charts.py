@@ -7,7 +7,6 @@ did, and the limits that it met.
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from io import StringIO
 from itertools import cycle, groupby, pairwise
 from math import inf, isfinite
@@ -198,10 +197,8 @@ def plot_stable_bands(
     Raises:
         ValueError: where a row has not as many upper ends as lower ones.
     """
-    rows = sorted(
-        (float(at), list(zip(ends(below), ends(above), strict=True)))
-        for at, below, above in zip(x, low, high, strict=True)
-    )
+    stable = (list(zip(ends(below), ends(above), strict=True)) for below, above in zip(low, high, strict=True))
+    rows = sorted(zip(map(float, x), stable, strict=True))
     parts = []  # of one outline: between parts that were filled one by one a seam would be seen
     for count, run in groupby(rows, key=lambda row: len(row[1])):
         # Bands are joined only between neighbours that have equally many: elsewhere one begins or ends in between.
@@ -230,8 +227,7 @@ Limits = Mapping[str, tuple[float, str]]
 """By column of a record, the magnitude to be drawn with the words for the legend."""
 
 
-@dataclass(frozen=True)
-class _Panel:
+class _Panel(NamedTuple):
     label: str
     columns: tuple[tuple[str, str], ...]
     scales: tuple[tuple[float, str], ...]

@@ -216,8 +216,7 @@ def _compliance(
         words += f" Small motion need not follow it: {in_words(', '.join(small))}."
     if renewed is not None and renewed.proofs:
         new = renewed.proofs[0][1]
-        assert new.controller is not None  # what was proved
-        words += f" New: {controller_text(new.controller, new.payload.inner_end_mass_kg)}."
+        words += f" New: {controller_text(new.own_controller, new.payload.inner_end_mass_kg)}."
     figure = new_figure(170.0, 92.0)
     plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)
     return in_page(figure, "compliance", words)

@@ -271,9 +271,8 @@ def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
     remaining = len(addresses) - len(rows) - len(refused) if complete else None
     seconds = [record["seconds"] for record in rows]
     left = remaining * sum(seconds) / len(seconds) if remaining and seconds else None
-    results = [(row["status"], row["reason"]) for row in rows] + [
-        ("refused", in_words(one.problems)) for one in refused
-    ]
+    results = [(row["status"], row["reason"]) for row in rows]
+    results += [("refused", in_words(one.problems)) for one in refused]
     amiss = Counter(result for result in results if result[0] != "done")
     return SweepStatus(
         dict(Counter(status for status, _ in results)),

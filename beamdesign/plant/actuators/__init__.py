@@ -297,11 +297,8 @@ class _WithoutZeros(Record):
 
     @model_serializer(mode="wrap")
     def _stated(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {
-            key: value
-            for key, value in handler(self).items()
-            if value or key in self.model_fields_set or key not in _OF
-        }
+        given = self.model_fields_set
+        return {key: value for key, value in handler(self).items() if value or key in given or key not in _OF}
 
 
 if TYPE_CHECKING:

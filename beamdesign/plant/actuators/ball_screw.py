@@ -117,10 +117,8 @@ class BallScrew(Actuator):
     ratings = (
         Rating("peak current", "peak_current_A", "actuator.peak_current_A", "A", q.MotorCurrent, "motor_current_limit"),
         Rating("continuous current", "effective_current_A", "actuator.continuous_current_A", "A", q.MotorCurrent),
-        Rating(
-            "rotor speed", "speed_rad_per_s", "actuator.largest_speed_rad_per_s", "rad/s", q.RotorSpeed
-        ),
-    )  # fmt: skip
+        Rating("rotor speed", "speed_rad_per_s", "actuator.largest_speed_rad_per_s", "rad/s", q.RotorSpeed),
+    )
     title = "Motor, drive and screw"
 
     @classmethod
