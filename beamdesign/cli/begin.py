@@ -182,17 +182,11 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
             for row in comparison.gains
         ],
     )  # fmt: skip
-    echo_table(
-        "Bandwidth at -100 dB in/lbf, Hz",
-        ["case", "gain, mA/V", "paper", "model"],
-        [(row.case, row.gain_mA_per_V, row.paper, row.model) for row in comparison.bandwidths],
-    )
+    rows = [(row.case, row.gain_mA_per_V, row.paper, row.model) for row in comparison.bandwidths]
+    echo_table("Bandwidth at -100 dB in/lbf, Hz", ["case", "gain, mA/V", "paper", "model"], rows)
     differing = [row for row, claim in zip(comparison.rows(), comparison.claims, strict=True) if not claim.agrees]
-    echo_table(
-        f"{len(differing)} of {len(comparison.claims)} numbers differ",
-        ["quantity", "paper", "model", "unit", "verdict"],
-        differing,
-    )
+    title = f"{len(differing)} of {len(comparison.claims)} numbers differ"
+    echo_table(title, ["quantity", "paper", "model", "unit", "verdict"], differing)
     _echo_checks(checks)
     echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / page.name}")
     return CommandResult(fields)
@@ -215,8 +209,6 @@ def _one_figure(number: int, out: Path) -> CommandResult:
 
 def _echo_checks(checks: Sequence[Any]) -> None:
     failing = sum(not check.holds for check in checks)
-    echo_table(
-        f"{len(checks) - failing} of {len(checks)} claims about the figures hold",
-        ["figure", "claim", "paper says", "model says", "holds"],
-        [(check.figure, check.claim, check.paper, check.model, "yes" if check.holds else "no") for check in checks],
-    )
+    title = f"{len(checks) - failing} of {len(checks)} claims about the figures hold"
+    rows = [(check.figure, check.claim, check.paper, check.model, "yes" if check.holds else "no") for check in checks]
+    echo_table(title, ["figure", "claim", "paper says", "model says", "holds"], rows)

@@ -240,9 +240,8 @@ def certify_box(
             found = beamdesign.certify_box(stage.prototype, *varying, budget, seconds, update)
         _echo_box(found)
         if (scaling or each) and not found.scales:
-            echo(
-                "scaling of the tolerances: nothing scales, as payload and delay stay as asked and nothing else varies"
-            )
+            words = "nothing scales, as payload and delay stay as asked and nothing else varies"
+            echo(f"scaling of the tolerances: {words}")
         if found.text:
             write_certificate(path, found.text)
         return found.to_dict() | {"certificate": path if found.text else None}, found.yes

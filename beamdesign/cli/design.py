@@ -319,11 +319,9 @@ def front(
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
     axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
     axes.set_title(f"Lightest designs, x: none found;\nproved for {rigs}", fontsize=10)
-    echo_table(
-        f"{problem.name}: lightest designs, proved for {rigs}",
-        ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
-        [[row.get(name, "-") for name in _FRONT] for row in rows],
-    )
+    heads = ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason")
+    cells = [[row.get(name, "-") for name in _FRONT] for row in rows]
+    echo_table(f"{problem.name}: lightest designs, proved for {rigs}", heads, cells)
     write_drawn(out, "front", figure, rows)
     return CommandResult(found.to_dict() | {"sigmas": within} | limit, found.yes)
 
@@ -364,11 +362,10 @@ def remedies(
     shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
     axes, rigs = plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found), rigs_in_words(within)
     axes.set_title(f"{axes.get_title()},\nfor {rigs}", fontsize=10)
-    echo_table(
-        f"{problem.name}: what is proved with each remedy, {masses[0]:g} to {masses[1]:g} kg at the tip, for {rigs}",
-        ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
-        [[row[name] for name in _REMEDY] for row in shown],
-    )
+    payloads = f"{masses[0]:g} to {masses[1]:g} kg at the tip"
+    title = f"{problem.name}: what is proved with each remedy, {payloads}, for {rigs}"
+    cells = [[row[name] for name in _REMEDY] for row in shown]
+    echo_table(title, ("remedy", "bandwidth", "added mass, kg", "lag", "reason"), cells)
     write_drawn(out, "remedies", figure, rows)
     fields = {"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, "sigmas": within, **limit}
     return CommandResult(fields, yes=not all(one.reason for one in found))

@@ -248,9 +248,8 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
     with fresh_folder(out) as fresh:
         written = write_tables({record.name: (record.columns, record.samples) for record in found.records}, fresh)
     paths = settled(written, fresh, out)
-    echo_table(
-        f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), found.rows()
-    )
+    title = f"{prototype} under the inputs of {dataset}"
+    echo_table(title, ("record", "samples", "peak displacement_m", ""), found.rows())
     echo(f"records: {len(paths)} files in {out}")
     return CommandResult({"records": paths} | found.to_dict(), found.yes)
 

@@ -245,22 +245,16 @@ def _echo_limits(found: "OperatingLimits") -> None:
     if isinstance(found.linear_amplitude, str):
         echo(f"reach of the linear model, limit cycles: not looked at, {found.linear_amplitude}")
         return
-    effects = ", ".join(sorted(with_published_effects(rig).effects))
-    echo_table(
-        f"Linear amplitude within 10 % up to ({effects or 'no effects'})",
-        ("varied", "at, Hz", "limit", "off there, %"),
-        found.linear_rows(),
-    )
+    effects = ", ".join(sorted(with_published_effects(rig).effects)) or "no effects"
+    title = f"Linear amplitude within 10 % up to ({effects})"
+    echo_table(title, ("varied", "at, Hz", "limit", "off there, %"), found.linear_rows())
     if not found.limit_cycles:
         echo("limit cycles: none found by harmonic balance")
         return
     own = rig.own_controller.gain_A_per_V
     unit, factor = read_in(own, "A/V")
-    echo_table(
-        f"Limit cycles by harmonic balance; the prototype's gain is {factor * own:.4g} {unit}",
-        ("amplitude, um", f"gain, {unit}", "frequency, Hz", "settles there"),
-        found.cycle_rows(),
-    )
+    title = f"Limit cycles by harmonic balance; the prototype's gain is {factor * own:.4g} {unit}"
+    echo_table(title, ("amplitude, um", f"gain, {unit}", "frequency, Hz", "settles there"), found.cycle_rows())
 
 
 def _echo_sensor(reach: Any) -> None:

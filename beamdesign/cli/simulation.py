@@ -80,10 +80,8 @@ def _echo_loop(rig: "beamdesign.Prototype", plan: "Scenario", found: "Simulation
             if law.schedule.estimator.largest_std_kg < std < inf:  # then it may be off by much more than that
                 known = f"too little to act on ({known})"
             echo(f"{record.name}: stages {stages}; of the payload it knows {known}")
-    limits = {
-        "displacement_m": (plan.displacement_limit_m, "limit"),
-        "load_pressure_Pa": (rig.supply.pressure_Pa, "supply"),
-    }
+    limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
+    limits["load_pressure_Pa"] = rig.supply.pressure_Pa, "supply"
     for name, own in effect_parameters_of(rig).items():
         if name in laws_of("current_saturation"):
             limits["current_A"] = (own["limit_A"], "amplifier's limit")

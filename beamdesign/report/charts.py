@@ -130,12 +130,8 @@ def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
     """Draw the guaranteed bandwidth of each remedy as a bar, with the mass it adds."""
     heights = [remedy.bandwidth_Hz for remedy in remedies]
     bars = axes.barh([remedy.name for remedy in remedies], heights, color="0.7", edgecolor="black")
-    labels = [
-        f"{at_least(remedy.bandwidth_Hz, 'Hz', 3)}, {remedy.added_mass_kg:+.2f} kg"
-        if not remedy.reason
-        else "nothing proved"
-        for remedy in remedies
-    ]
+    proved = (f"{at_least(one.bandwidth_Hz, 'Hz', 3)}, {one.added_mass_kg:+.2f} kg" for one in remedies)
+    labels = ["nothing proved" if one.reason else words for one, words in zip(remedies, proved, strict=True)]
     written = axes.bar_label(bars, labels, padding=4)
     axes.set_xlim(0, max([*heights, 1.0]))
     axes.invert_yaxis()

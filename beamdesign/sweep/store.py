@@ -316,11 +316,8 @@ def difference(first: Path, second: Path) -> Difference:
     before, after = ({json.dumps(row["varied"], sort_keys=True): row for row in one.records} for one in kept)
     both = [key for key in before if key in after]
     cases = tuple(_case(before[key], after[key]) for key in both)
-    shared = {
-        key: change
-        for key, change in (cases[0].inputs if cases else {}).items()
-        if all(case.inputs.get(key) == change for case in cases)
-    }
+    own = cases[0].inputs if cases else {}
+    shared = {key: change for key, change in own.items() if all(case.inputs.get(key) == change for case in cases)}
     return Difference(
         cases,
         shared,
@@ -376,11 +373,7 @@ def _idle(key: str, records: Sequence[Mapping[str, Any]]) -> bool:
     for record in records:
         others = {name: value for name, value in record["varied"].items() if name != key}
         alike[repr(sorted(others.items()))].append(record)
-    pairs = [
-        (first, other)
-        for first, *rest in alike.values()
-        for other in rest
-        if first["varied"].get(key) != other["varied"].get(key)
-    ]
+    both = ((first, other) for first, *rest in alike.values() for other in rest)
+    pairs = [pair for pair in both if pair[0]["varied"].get(key) != pair[1]["varied"].get(key)]
     results = [[(one["status"], one["outputs"]) for one in pair] for pair in pairs]
     return any(first[0] == "done" for first, _ in results) and all(first == other for first, other in results)
