@@ -210,15 +210,14 @@ class DesignProblem(WithMaterials, WithActuator):
         its sections were chosen to keep.
         """
         force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
+        sizes = self.sections.model_dump(exclude={"choose"}) | dict(self.clearance) | dict(self.safety)
         same = ("name", "actuator", "servovalve", "sensor", "supply", "goal")
         return Prototype(
             **{name: getattr(self, name) for name in same},
             outer_beam=_with_section(self.outer_beam, outer),
             inner_beam=_with_section(self.inner_beam, inner),
             payload=self.payload.but(largest_force_N=force),
-            sized_for=SizedFor(
-                **self.sections.model_dump(exclude={"choose"}), **dict(self.clearance), **dict(self.safety)
-            ),
+            sized_for=SizedFor(**sizes),
             tolerance=stated_or_typical(self.tolerance, type(self.actuator))[0],
         )
 

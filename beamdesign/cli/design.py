@@ -73,23 +73,19 @@ def run(
         *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)
-    return CommandResult(
-        {
-            "prototype": folder["prototype"],
-            "certificate": folder[f"certificate{end}"],
-            "mass_kg": moving,
-            "beam_mass_kg": result.sizing.beam_mass_kg,
-            "inner_end_mass_kg": payload.inner_end_mass_kg,
-            "report": folder[f"report{end}"],
-            "specification": folder[f"specification{end}"],
-            "guaranteed": reached[0].model_dump() | proved[0],
-            "nonlinear": nonlinear,
-            **holding,
-            **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
-            **limit,
-        },
-        files=folder.values(),
-    )
+    fields = {
+        "prototype": folder["prototype"],
+        "certificate": folder[f"certificate{end}"],
+        "mass_kg": moving,
+        "beam_mass_kg": result.sizing.beam_mass_kg,
+        "inner_end_mass_kg": payload.inner_end_mass_kg,
+        "report": folder[f"report{end}"],
+        "specification": folder[f"specification{end}"],
+        "guaranteed": reached[0].model_dump() | proved[0],
+        "nonlinear": nonlinear,
+    }
+    stages = {"stages": [one.model_dump() for one in reached]} if result.laws else {}
+    return CommandResult(fields | holding | stages | limit, files=folder.values())
 
 
 def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tuple["beamdesign.DesignProblem", float]:
@@ -251,15 +247,10 @@ def codesign(
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     over_box = point.proved.over_box
     proved = point.proved.guaranteed(guaranteed, masses)
-    paths = write_set(
-        folder,
-        {
-            "prototype": ("prototype.toml", to_toml(guaranteed)),
-            "certificate": (CERTIFICATE_NAME, certificate.text),
-            **({} if over_box is None else {"certificate_box": (certificate_name(box=True), over_box.certificate)}),
-        },
-        ("certificate.*.toml",),
-    )
+    texts = {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)}
+    if over_box is not None:
+        texts["certificate_box"] = certificate_name(box=True), over_box.certificate
+    paths = write_set(folder, texts, ("certificate.*.toml",))
     rows = [
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
         ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),

@@ -224,14 +224,8 @@ def _clamps(axes: "Axes", outer: Drawn, inner: Drawn, room: float) -> None:
 
 
 def _load(axes: "Axes", tip: float, room: float, force: float) -> None:
-    axes.annotate(
-        f"{decimal(force)} N",
-        (0, tip),
-        xytext=(0, tip + 0.55 * room),
-        arrowprops={"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0},
-        ha="center",
-        fontsize=8,
-    )
+    arrow, above = {"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0}, (0, tip + 0.55 * room)
+    axes.annotate(f"{decimal(force)} N", (0, tip), xytext=above, arrowprops=arrow, ha="center", fontsize=8)
 
 
 CAUSES = {"tip": "tip moves", "turning": "end turns", "twist": "end twists"}

@@ -124,17 +124,11 @@ def gap_report_html(
     template = page_template(
         "gap_report.html", *own, share=tables.share_text, figure=_figure, closed=tables.closed_text, masses=masses_text
     )
+    about, answer = " of the gap between a rig and its prototype", escape(found.sentences)  # nothing in names is code
+    beside = tuple(name for kind, name in files.items() if kind != "report")
     return template.render(
         found=found,
-        document=Document(
-            found.name,
-            "Diagnosis",
-            escape(found.sentences),  # nothing in names is code
-            _key(found),
-            (),
-            " of the gap between a rig and its prototype",
-            tuple(name for kind, name in files.items() if kind != "report"),
-        ),
+        document=Document(found.name, "Diagnosis", answer, _key(found), (), about, beside),
         files=files,
         maps=tables.error_maps(seen, conditions) if seen else (),
         indicators=[(w, tables.indicator_table(w.table)) for w in found.where.indicators],
