@@ -1,11 +1,14 @@
 """What is said goes no further than what is proved: of which rigs, with which effects, of which laws and payloads."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from finished_run import finished_run
 
 from beamdesign import InputError, Prototype, code, read_prototype
+from beamdesign.build.result_folder import FILES, report_html
 from beamdesign.synthesis.law_design import Proved
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -27,3 +30,13 @@ def test_any_computing_time_is_refused_where_no_sampled_loop_is_worked_out() -> 
     with pytest.raises(InputError, match=r"any_computing_time.*not worked out for a prototype with effects"):
         code(with_effects("sensor_lag"), 10_000.0, any_computing_time=True)
     assert code(with_effects("sensor_lag"), 10_000.0).proved is None
+
+
+def test_a_report_says_where_each_proof_stands_and_by_what_method_it_is_proved_again() -> None:
+    """Of a box it is the same method in other code; figures of the nominal rig stand in a certificate of their own."""
+    page = report_html(finished_run(), {**FILES, "certificate_box": "certificate.box.toml"})
+    said = " ".join(re.sub("<[^>]*>", " ", page).split())
+    for name, method in (("certificate", "another method"), ("certificate.box", "the same method in code of its own")):
+        assert f"beamdesign certify --replay {name}.toml" in said
+        assert f"by {method}" in said
+    assert "With exactly the figures stated it carries" in said

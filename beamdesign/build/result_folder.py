@@ -102,7 +102,8 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     verdict = Markup(
         "For {}: with every mass of {} on its outer tip the rig is <strong>{}</strong>, gives way"
         " by no more than {} up to"
-        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
+        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below. With exactly the figures stated it"
+        " carries {} with beams of {}."
     ).format(
         rigs_in_words(guarantee.sigmas), masses, "proved stable" if certificate.stable else "not stable",
         quantity(prototype.goal.compliance_m_per_N, "m/N", 15), bandwidth, peak, quantity(load_N, "N"),
