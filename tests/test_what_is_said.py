@@ -1,6 +1,7 @@
 """What is said goes no further than what is proved: of which rigs, with which effects, of which laws and payloads."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from finished_run import finished_run
 
 from beamdesign import InputError, Prototype, code, read_prototype
+from beamdesign.build.ratings import SensorNeed
 from beamdesign.build.result_folder import FILES, report_html
+from beamdesign.build.specification import specification_of
 from beamdesign.synthesis.law_design import Proved
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -40,3 +43,10 @@ def test_a_report_says_where_each_proof_stands_and_by_what_method_it_is_proved_a
         assert f"beamdesign certify --replay {name}.toml" in said
         assert f"by {method}" in said
     assert "With exactly the figures stated it carries" in said
+
+
+def test_a_specification_says_of_which_rigs_it_is_proved() -> None:
+    found = specification_of(finished_run())
+    need = SensorNeed(30.0, 2000.0, 300.0, 4.6, 2.1, 1e-4, 0.1, 1e-5, 100.0, 1e-6, 1e-5, None, None)
+    assert found.to_dict()["guaranteed"]["rigs"] == "nominal"
+    assert ("proved", "for exactly these figures", "") in replace(found, laws=(), sensor=need).rows()

@@ -23,6 +23,7 @@ from beamdesign.proofs.certificate import Certificate, Guaranteed
 from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.scope import holds_for
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import Force, SamplingRate, Share, decimal, masses_text, stated_bandwidth, stated_peak
@@ -135,6 +136,7 @@ class Specification(Result):
             ("for every outer end mass of", masses_text(self.masses_kg), ""),
             ("guaranteed bandwidth", stated_bandwidth(guaranteed.bandwidth_Hz), "proved"),
             ("guaranteed peak sensitivity", stated_peak(guaranteed.peak_sensitivity), "proved"),
+            ("proved", holds_for(self.prototype), ""),
         ]
         for law in self.laws:
             name = f"stage {law.stage.number}: " if law.stage.number else ""
