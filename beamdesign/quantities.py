@@ -337,7 +337,8 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("largest compliance at any frequency", words))
     rows += [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
     if found["comes_to_rest"]:
-        rows += [("while the law's current saturates", "comes to rest from every state")]
+        frozen = f", with {' and '.join(names)} frozen" if (names := found.get("at_rest_with_frozen")) else ""
+        rows += [("while the law's current saturates", f"comes to rest from every state{frozen}")]
     if found["rigs"] != "nominal":
         figures = stated_bandwidth(nominal["bandwidth_Hz"]), stated_peak(nominal["peak_sensitivity"])
         rows += [("of exactly these figures", f"{figures[0]}, peak sensitivity {figures[1]}")]

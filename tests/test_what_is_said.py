@@ -7,11 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from finished_run import finished_run
+from flint import fmpq
 
-from beamdesign import InputError, Prototype, code, read_prototype
+from beamdesign import InputError, Prototype, code, read_prototype, simulate
 from beamdesign.build.ratings import SensorNeed
 from beamdesign.build.result_folder import FILES, report_html
 from beamdesign.build.specification import specification_of
+from beamdesign.proofs.certificate import Row
+from beamdesign.proofs.multiplier import Kernel, Multiplier
+from beamdesign.quantities import further_rows
+from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.synthesis.law_design import Proved
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -27,6 +32,35 @@ def of_tame(*effects: str) -> dict[str, object]:
     """What JSON says is guaranteed of the tame lag with some effects."""
     assert TAME.controller is not None
     return Proved(TAME.controller, 2.5, 3.0, 2.0, np.zeros(0)).guaranteed(with_effects(*effects), MASSES)
+
+
+def test_rest_of_a_saturated_current_names_the_effects_that_are_frozen_in_it() -> None:
+    """A joint with play swings for good in a loop that comes to rest with the play frozen."""
+    found = of_tame("joint_backlash", "sensor_lag", "current_saturation")
+    assert (found["comes_to_rest"], found["at_rest_with_frozen"]) == (True, ["joint_backlash"])
+    said = dict(further_rows(found))["while the law's current saturates"]
+    assert said == "comes to rest from every state, with joint_backlash frozen"
+    kick = (Step(amplitude_N=200.0, at_s=0.05, length_s=0.01),)
+    rows = (ScenarioRecord(name="kick", outer_end_mass_kg=0.0, input=kick),)
+    scenario = Scenario(name="kick", duration_s=2.0, sample_s=1e-3, start="rest", record=rows)
+    moved = simulate(with_effects("joint_backlash"), scenario).records[0].column("displacement_m")
+    assert np.ptp(moved[-500:]) > 1e-5
+
+    plain = of_tame("sensor_lag", "current_saturation")
+    assert "at_rest_with_frozen" not in plain
+    assert dict(further_rows(plain))["while the law's current saturates"] == "comes to rest from every state"
+
+
+def test_rest_that_is_proved_of_odd_characteristics_alone_is_none_of_every_one() -> None:
+    def row(coefficient: int, **more: str) -> Row:
+        multiplier = Multiplier(((fmpq(coefficient, 10), Kernel(100, 1)),), fmpq(0))
+        return Row(("current_saturation",), "", True, "", None, {"kind": "slope", **more, **multiplier.table()})
+
+    assert row(3).rests
+    assert not row(-3).rests
+    assert not row(3, place="motor").rests
+    assert not replace(row(3), proved=False).rests
+    assert not Row(("valve_deadband",), "", True, "", 1e-6).rests
 
 
 def test_any_computing_time_is_refused_where_no_sampled_loop_is_worked_out() -> None:

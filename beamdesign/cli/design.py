@@ -72,7 +72,9 @@ def run(
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     nonlinear = [] if result.certificate is None else [row.to_dict() for row in result.certificate.nonlinear]
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
-    rests = "comes to rest, of exactly these figures" if nonlinear else "not proved to come to rest"
+    each = [law.certificate.nonlinear if law.certificate else () for law in result.laws or (result,)]
+    at_rest = all(any(row.rests for row in of_law) for of_law in each)
+    rests = "comes to rest, of exactly these figures" if at_rest else "not proved to come to rest"
     rows = [
         ("outer beam", tube_text(result.sizing.outer)),
         ("inner beam", tube_text(result.sizing.inner)),
