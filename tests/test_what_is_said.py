@@ -1,5 +1,6 @@
 """What is said goes no further than what is proved: of which rigs, with which effects, of which laws and payloads."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -8,16 +9,28 @@ import numpy as np
 import pytest
 from finished_run import finished_run
 from flint import fmpq
+from one_start import best_start_alone
+from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, code, read_prototype, simulate
+from beamdesign import InputError, Prototype, code, read_prototype, simulate, write_prototype
 from beamdesign.build.ratings import SensorNeed
 from beamdesign.build.result_folder import FILES, report_html
 from beamdesign.build.specification import specification_of
+from beamdesign.cli import app
+from beamdesign.proofs import tolerance_box
+from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Row
+from beamdesign.proofs.lmi import Course
+from beamdesign.proofs.lyapunov import switching
+from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.multiplier import Kernel, Multiplier
 from beamdesign.quantities import further_rows
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
+from beamdesign.sweep import answers
+from beamdesign.sweep.case import CertifyOptions, TuneOptions
+from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
+from beamdesign.synthesis.tuning import Tuning
 
 STUDIES = Path(__file__).parents[1] / "studies"
 TAME = read_prototype(STUDIES / "prototypes" / "tame_lag.toml")
@@ -61,6 +74,60 @@ def test_rest_that_is_proved_of_odd_characteristics_alone_is_none_of_every_one()
     assert not row(3, place="motor").rests
     assert not replace(row(3), proved=False).rests
     assert not Row(("valve_deadband",), "", True, "", 1e-6).rests
+
+
+def test_a_tuned_prototype_that_is_undecided_between_frozen_values_is_no_yes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_prototype(with_effects("joint_backlash"), tmp_path / "p.toml")
+
+    def tuned() -> tuple[int, dict[str, object]]:
+        asked = ["tune", str(tmp_path / "p.toml"), "--nominal", "--outer-end-mass", "0:0"]
+        with best_start_alone():
+            done = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "t.json")])
+        return done.exit_code, json.loads((tmp_path / "t.json").read_text())
+
+    status, fields = tuned()
+    assert (status, fields["stable_between"]) == (0, True)
+    assert "linear members only; of small motion no stability (joint_backlash)" in str(fields["holds_for"])
+    assert [one["effect"] for one in fields["near_rest"]] == ["joint_backlash"]  # type: ignore[attr-defined]
+
+    decided = tolerance_box.between
+
+    def undecided(*given: object) -> BoxVerdict:
+        found = decided(*given)  # type: ignore[arg-type]
+        assert found is not None
+        return replace(found, stable=None, reason="left open")
+
+    monkeypatch.setattr(tolerance_box, "between", undecided)
+    status, fields = tuned()
+    assert (status, fields["stable_between"]) == (1, None)
+
+
+def test_laws_whose_changes_are_not_proved_are_no_yes(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = read_prototype(STUDIES / "scheduled" / "prototype.toml")
+    open_changes = Course("undecided", "nothing was found")
+    changes = replace(switching(stage_families(rig), *MASSES, dwell_s=0.1), stages=open_changes)
+    laws = tuple(
+        Tuning(stage.prototype, stage.outer_end_mass_kg, Proved(law, 1.79, 5.0, 2.0, np.zeros(0)))
+        for stage, (law, _) in zip(rig.stages(MASSES), rig.own_controller.laws, strict=True)
+    )
+    found = Tuning(rig, MASSES, laws[0].best, laws=laws, switching=changes)
+    assert (found.yes, found.status) == (False, "no")
+    assert replace(found, switching=None).yes
+    monkeypatch.setattr(tuning, "tune", lambda *given, **more: found)
+    answer = answers.tune(rig, TuneOptions(controller="scheduled"))
+    assert answer.reason == "changes between its laws are not proved: nothing was found"
+    assert answer.outputs["bandwidth_Hz"] == 5.0
+
+
+def test_stable_ranges_of_a_sweep_are_rounded_inwards() -> None:
+    remedy = read_prototype(STUDIES / "prototypes" / "paper_remedy.toml")
+    found = answers.certify(remedy.but(payload=remedy.payload.but(outer_end_mass_kg=(0.0, 20.0))), CertifyOptions())
+    ((low, high),) = [[float(end) for end in one.split(" to ")] for one in found.outputs["stable_ranges_kg"]]
+    crossings = found.outputs["crossings_kg"]
+    assert crossings[0] <= low < crossings[0] + 1e-6
+    assert crossings[1] - 1e-5 < high <= crossings[1]
 
 
 def test_any_computing_time_is_refused_where_no_sampled_loop_is_worked_out() -> None:

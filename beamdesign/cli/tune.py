@@ -81,9 +81,11 @@ def tune(
     loop gain and current that its valve sets; lqg and hinf are state feedback with an observer, synthesised by Riccati
     equations, reduced to order 8 and refined within the same limits, as is the prototype's own
     controller where it is structured or an observer. A scheduled one has a law for each part of the payloads, chosen by
-    an estimate of the payload and stable whichever acts when: lags, or structured ones where the prototype's own
+    an estimate of the payload and stable for all payloads: lags, or structured ones where the prototype's own
     controller is. All of it is proved of every rig within two standard deviations of each figure at once, with
-    --nominal of exactly the figures stated. Exit status 1 if no design can be proved.
+    --nominal of exactly the figures stated; changes between the laws, whichever acts when or as far apart as the answer
+    says, of exactly these in either case, and with effects not at all. Exit status 1 if no design can be proved, if
+    changes are looked at and not proved, or with --nominal if stability between the ends of what effects freeze is not.
 
     Args:
         prototype: the prototype.toml to tune.
@@ -154,7 +156,7 @@ def tune(
     for stage, law, (certificate, own) in zip(found.stages, found.each, each, strict=True):
         end = stage.suffix.replace(".", "_")
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
-        answers.append((_of_law(stage, law, certificate), True))
+        fields, proved = _of_law(stage, law, certificate), True
         if law.best is not None and law.best.over_box is not None:
             texts[f"certificate_box{end}"] = (certificate_name(stage.suffix, box=True), law.best.over_box.certificate)
         if record.effects:
@@ -163,6 +165,10 @@ def tune(
                 echo(f"  {words}")
             if verdict is not None and verdict.certificate:
                 texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", verdict.certificate)
+            # over a box it is proved with the rest
+            proved = verdict is None or verdict.stable is True or (law.best is not None and law.best.sigmas > 0)
+            fields["stable_between"] = verdict and (proved or verdict.stable)
+        answers.append((fields, proved))
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)
@@ -173,13 +179,13 @@ def tune(
     elif found.laws:
         echo("  changes between the laws are not covered by any proof: the prototype has effects")
     paths: dict[str, Path] = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
-    return CommandResult(answer | paths | limit, changes is None or bool(changes.stable), paths.values())
+    return CommandResult(answer | paths | limit, found.yes and all(yes for _, yes in answers), paths.values())
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
     from beamdesign.proofs.certificate import describe, goal_claims
-    from beamdesign.proofs.scope import holds_for
+    from beamdesign.proofs.scope import holds_for, near_rest
     from beamdesign.quantities import further_rows, guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
@@ -203,6 +209,8 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
             **picked(goal, "loop_gain loop_gain_from_Hz controller_effort_A_per_V"),
             **picked(certificate, "method scope"),
         },
+        "holds_for": holds_for(stage.prototype, best.sigmas),
+        "near_rest": near_rest(stage.prototype),
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
