@@ -130,6 +130,17 @@ def test_stable_ranges_of_a_sweep_are_rounded_inwards() -> None:
     assert crossings[1] - 1e-5 < high <= crossings[1]
 
 
+def test_a_member_that_is_not_stable_is_printed_as_it_is(tmp_path: Path) -> None:
+    """To four digits it lay outside the box that is printed beside it."""
+    path = STUDIES / "prototypes" / "paper_remedy.toml"
+    asked = ["certify-box", str(path), "--outer-end-mass", "0.12345678:1", "--sigmas", "0", "--out"]
+    done = CliRunner().invoke(app, [*asked, str(tmp_path / "b.toml"), "--json", str(tmp_path / "b.json")])
+    assert done.exit_code == 1
+    member = json.loads((tmp_path / "b.json").read_text())["unstable_point"]
+    (printed,) = re.findall(r"outer_end_mass_kg +\S+ +\S+ +(\S+)", done.output)
+    assert float(printed) == pytest.approx(member["outer_end_mass_kg"], rel=1e-11)
+
+
 def test_any_computing_time_is_refused_where_no_sampled_loop_is_worked_out() -> None:
     with pytest.raises(InputError, match=r"any_computing_time.*not worked out for a prototype with effects"):
         code(with_effects("sensor_lag"), 10_000.0, any_computing_time=True)

@@ -320,7 +320,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, found.sigmas)}")
     point, last = verdict.unstable_point or {}, ("not stable at",) if verdict.unstable_point else ()
     rows = [
-        [key, inwards(low, factor, True), inwards(high, factor), *(nearest(one) / factor for one in at)]
+        [key, inwards(low, factor, True), inwards(high, factor), *(f"{nearest(one) / factor:.12g}" for one in at)]
         for name, (low, high) in box.ranges.items()
         for (key, factor), at in [(figure_key(name), [point[name]] if name in point else [])]
     ]
