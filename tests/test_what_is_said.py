@@ -162,3 +162,20 @@ def test_a_specification_says_of_which_rigs_it_is_proved() -> None:
     need = SensorNeed(30.0, 2000.0, 300.0, 4.6, 2.1, 1e-4, 0.1, 1e-5, 100.0, 1e-6, 1e-5, None, None)
     assert found.to_dict()["guaranteed"]["rigs"] == "nominal"
     assert ("proved", "for exactly these figures", "") in replace(found, laws=(), sensor=need).rows()
+
+
+def test_a_box_and_an_end_say_of_which_rigs_and_motion_they_are_proved(tmp_path: Path) -> None:
+    """Of a joint with play `certify` says no; the JSON of a box said that it is stable, and no more."""
+    write_prototype(with_effects("joint_backlash"), tmp_path / "p.toml")
+    asked = ["certify-box", str(tmp_path / "p.toml"), "--outer-end-mass", "0:0", "--sigmas", "0.1", "--seconds", "0"]
+    CliRunner().invoke(app, [*asked, "--out", str(tmp_path / "b.toml"), "--json", str(tmp_path / "b.json")])
+    fields = json.loads((tmp_path / "b.json").read_text())
+    assert [one["claim"] for one in fields["near_rest"]] == ["stability"]
+    assert fields["holds_for"].startswith("for every rig within 0.1 standard deviations")
+    assert fields["holds_for"].endswith("linear members only; of small motion no stability (joint_backlash)")
+
+    compliant = STUDIES / "prototypes" / "compliant.toml"
+    done = CliRunner().invoke(app, ["stiffness", str(compliant), "--out", str(tmp_path / "end")])
+    assert "exactly these figures" in done.output
+    headline = (tmp_path / "end" / "certificate.contact.toml").read_text().splitlines()[0]
+    assert headline.endswith("kg, for exactly these figures.")

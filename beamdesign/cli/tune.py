@@ -274,7 +274,6 @@ def stiffness(
         out: folder for prototype.toml and its certificates; else none is written.
     """
     from beamdesign.prototype import read_prototype
-    from beamdesign.quantities import mass_range_text
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
     from beamdesign.synthesis.stiffness_search import stiffness as give
 
@@ -298,7 +297,7 @@ def stiffness(
             refuse(prototype, ("controller", str(error)))
         found = answer.best
         assert found is not None  # it is judged as it is
-        rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
+        rows = [*_kept(found), *_proved_of(own)]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
         echo(*in_words(found))
         echo_aside(rig)
@@ -328,7 +327,7 @@ def give_stiffness(
     Raises:
         InputError: for a stiffness that is none, effects, or no controller to keep.
     """
-    from beamdesign.quantities import mass_range_text, quantity
+    from beamdesign.quantities import quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
@@ -349,7 +348,7 @@ def give_stiffness(
         *_kept(best),
         ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
         ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
-        ("for every outer end mass", mass_range_text(masses)),
+        *_proved_of(masses),
     ]
     echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
@@ -380,3 +379,10 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
         ("command followed at rest, share of it", found.command_at_rest),
         ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
     ]
+
+
+def _proved_of(masses_kg: tuple[float, float]) -> list[tuple[str, str]]:
+    """Rows of the payloads and rigs of which it is proved."""
+    from beamdesign.quantities import mass_range_text, rigs_in_words
+
+    return [("for every outer end mass", mass_range_text(masses_kg)), ("of", rigs_in_words(0.0))]
