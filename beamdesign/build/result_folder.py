@@ -242,7 +242,8 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     if run.holding:
         unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
         how = f"closed formulas and the linear loop on a grid of frequencies{unasked}"
-        claim = f"the actuator holds {run.holding.held}, the link level, and the tubes do not touch"
+        held = f"{run.holding.held}, the link level, and the tubes do not touch"
+        claim = f"the actuator holds {held}, of {rigs_in_words(0.0)}"
         yield Statement(claim, "refuted" if run.holding.missed else _VERIFIED, how)
     if sizing.stock:
         how = f"all {sizing.stock.pairs} pairs were checked"
