@@ -161,7 +161,13 @@ def test_a_specification_says_of_which_rigs_it_is_proved() -> None:
     found = specification_of(finished_run())
     need = SensorNeed(30.0, 2000.0, 300.0, 4.6, 2.1, 1e-4, 0.1, 1e-5, 100.0, 1e-6, 1e-5, None, None)
     assert found.to_dict()["guaranteed"]["rigs"] == "nominal"
-    assert ("proved", "for exactly these figures", "") in replace(found, laws=(), sensor=need).rows()
+    told = replace(found, laws=(), sensor=need).rows()
+    assert ("proved", "for exactly these figures", "") in told
+    # A break with which the loop is just stable is no bandwidth with which it keeps what is guaranteed.
+    assert ("sensor bandwidth from which on the loop is stable", "30 Hz", "proved") in told
+    assert ("that costs at most 5 % of the guarantee", "300 Hz", "proved") in told
+    slow = replace(found, laws=(), sensor=replace(need, stable_from_Hz=None)).rows()
+    assert ("sensor bandwidth from which on the loop is stable", "–", "none proved") in slow
 
 
 def test_a_box_and_an_end_say_of_which_rigs_and_motion_they_are_proved(tmp_path: Path) -> None:
