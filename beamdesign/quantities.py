@@ -351,8 +351,9 @@ def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
     """What lower gains do to a loop that is not stable at all of them, and how to switch it on, in words."""
     stretches = ", ".join(f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in forbidden)
     return (
-        f"UNSTABLE with {stretches} of its gain: bring the supply up with the current off, then switch the whole gain"
-        " on at once; a current that saturates may set it oscillating for good"
+        f"UNSTABLE with about {stretches} of its gain, of exactly these figures and on a grid, other rigs perhaps with"
+        " more: bring the supply up with the current off, then switch the whole gain on at once; a current that"
+        " saturates may set it oscillating for good"
         if forbidden
         else "stable at every one that was looked at, which nothing proves"
     )

@@ -17,6 +17,7 @@ from beamdesign.build.ratings import SensorNeed
 from beamdesign.build.result_folder import FILES, report_html
 from beamdesign.build.specification import specification_of
 from beamdesign.cli import app
+from beamdesign.loop import loop
 from beamdesign.proofs import tolerance_box
 from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Row
@@ -24,12 +25,13 @@ from beamdesign.proofs.lmi import Course
 from beamdesign.proofs.lyapunov import switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.multiplier import Kernel, Multiplier
-from beamdesign.quantities import further_rows
+from beamdesign.quantities import further_rows, start_up
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
+from beamdesign.structure.lumped import with_figures
 from beamdesign.sweep import answers
 from beamdesign.sweep.case import CertifyOptions, TuneOptions
 from beamdesign.synthesis import tuning
-from beamdesign.synthesis.law_design import Proved
+from beamdesign.synthesis.law_design import Proved, forbidden_shares
 from beamdesign.synthesis.tuning import Tuning
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -62,6 +64,16 @@ def test_rest_of_a_saturated_current_names_the_effects_that_are_frozen_in_it() -
     plain = of_tame("sensor_lag", "current_saturation")
     assert "at_rest_with_frozen" not in plain
     assert dict(further_rows(plain))["while the law's current saturates"] == "comes to rest from every state"
+
+
+def test_lower_gains_to_keep_away_from_are_said_to_be_of_the_stated_rig_and_a_grid() -> None:
+    """Of a beam that is softer by less than two deviations the loop is not stable at more than the stretch told."""
+    rig = read_prototype(STUDIES / "prototypes" / "structured.toml")
+    ((low, high),) = forbidden_shares(rig, MASSES)
+    assert "of exactly these figures and on a grid" in start_up([(low, high)])
+    softer = loop(with_figures(rig, {"outer_stiffness": 0.95})).scaled(fmpq(9, 10))
+    assert high < 0.7
+    assert not softer.at(6.8).stable or not softer.at(0.0).stable
 
 
 def test_rest_that_is_proved_of_odd_characteristics_alone_is_none_of_every_one() -> None:
