@@ -789,9 +789,11 @@ def test_proofs_of_one_loop_say_what_they_leave_aside_of_an_arm(
         write_prototype(at(link, 0.0, offset, 0.0), path)
         written = tmp_path / "certificate.toml"
         asked = [*command, str(path), "--outer-end-mass", "2:2.5", "--out", str(written)]
-        done = CliRunner().invoke(app, asked)
+        done = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "answer.json")])
         assert done.exit_code == 0, done.output
-        assert ("payload and sensor on the beam's axis at the tip" in done.output) is told
+        aside = json.loads((tmp_path / "answer.json").read_text())["arm_left_aside"]
+        for said in (done.output, aside):
+            assert ("payload and sensor on the beam's axis at the tip" in said) is told
 
 
 def test_the_checker_says_what_a_certificate_of_one_loop_leaves_aside_of_an_arm(link: Prototype):

@@ -333,4 +333,4 @@ def certify_switching(
     echo(f"{record.name}: {several}outer end mass changing between {low:.15g} and {high:.15g} kg")
     echo(*lines, before="  ")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    return CommandResult(found.to_dict() | {"certificate": path}, found.yes)
+    return CommandResult(found.to_dict() | {"arm_left_aside": aside, "certificate": path}, found.yes)

@@ -94,6 +94,7 @@ def certify(
 
     from beamdesign.proofs.certifying import certify as prove
     from beamdesign.proofs.scope import holds_for, near_rest
+    from beamdesign.structure.arm import left_aside
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(out, prototype, "certificate", stage.suffix)
@@ -104,7 +105,8 @@ def certify(
         write_certificate(path, certificate.text)
         between, not_proved = _between(rig, certificate, path) if rig.effects else ({}, "")
         fields = certificate.to_dict() | between
-        fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear), "certificate": path}
+        fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear)}
+        fields |= {"arm_left_aside": left_aside(rig), "certificate": path}
         holds, reason = certificate.yes, certificate.small_motion
         if not_proved and not linear:
             holds, reason = False, reason or not_proved
@@ -233,6 +235,7 @@ def certify_box(
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.proofs.over_box import certify_box as prove
+    from beamdesign.structure.arm import left_aside
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(out, prototype, "box", stage.suffix)
@@ -247,7 +250,8 @@ def certify_box(
             )
         if found.text:
             write_certificate(path, found.text)
-        return found.to_dict() | {"certificate": path if found.text else None}, found.yes
+        more = {"arm_left_aside": left_aside(stage.prototype), "certificate": path if found.text else None}
+        return found.to_dict() | more, found.yes
 
     with within(seconds / 60):
         return by_stage(record, masses, proved)

@@ -187,6 +187,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     from beamdesign.proofs.certificate import describe, goal_claims
     from beamdesign.proofs.scope import holds_for, near_rest
     from beamdesign.quantities import further_rows, guaranteed_rows
+    from beamdesign.structure.arm import left_aside
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None
@@ -211,6 +212,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         },
         "holds_for": holds_for(stage.prototype, best.sigmas),
         "near_rest": near_rest(stage.prototype),
+        "arm_left_aside": left_aside(stage.prototype),
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
