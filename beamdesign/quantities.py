@@ -337,7 +337,8 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("largest compliance at any frequency", words))
     rows += [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
     if found["comes_to_rest"]:
-        rows += [("while the law's current saturates", "comes to rest from every state")]
+        frozen = f", with {' and '.join(names)} frozen" if (names := found.get("at_rest_with_frozen")) else ""
+        rows += [("while the law's current saturates", f"comes to rest from every state{frozen}")]
     if found["rigs"] != "nominal":
         figures = stated_bandwidth(nominal["bandwidth_Hz"]), stated_peak(nominal["peak_sensitivity"])
         rows += [("of exactly these figures", f"{figures[0]}, peak sensitivity {figures[1]}")]
@@ -350,8 +351,9 @@ def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
     """What lower gains do to a loop that is not stable at all of them, and how to switch it on, in words."""
     stretches = ", ".join(f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in forbidden)
     return (
-        f"UNSTABLE with {stretches} of its gain: bring the supply up with the current off, then switch the whole gain"
-        " on at once; a current that saturates may set it oscillating for good"
+        f"UNSTABLE with about {stretches} of its gain, of exactly these figures and on a grid, other rigs perhaps with"
+        " more: bring the supply up with the current off, then switch the whole gain on at once; a current that"
+        " saturates may set it oscillating for good"
         if forbidden
         else "stable at every one that was looked at, which nothing proves"
     )

@@ -765,12 +765,14 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     both = run(path, "--offset-m=0,-0.1,0.1")
     assert both.exit_code == 0
     assert "bandwidth and peaks are not proved" in both.output
+    assert "stable from 0 to 6.8 kg, for exactly these figures" in both.output
     there = run(path, "--offset-m", "0,0.1,0", "--sensor-m", "0,0.1,0", "--force-N", "500", "--json", answer)
     assert there.exit_code == 0
     assert json.loads(answer.read_text())["with_servo"]["size_m"] < 0.2 * fields["with_servo"]["size_m"]
     anywhere = run(path, "--offset-m", "0,0.1,0", "--within-m", "0,0.5,0")
     assert anywhere.exit_code == 1
-    assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output
+    asked = "plane z, for every payload and every place of its centre asked for, of exactly these figures"
+    assert f"{asked}: NOT stable" in anywhere.output
     elsewhere = run(path, "--sensor-m", "0,0.1,0", "--within-m", "0,0.5,0")
     assert "servos that measure at the tip" in str(elsewhere.exception)
     assert not elsewhere.output  # it was refused behind half of its tables
@@ -787,9 +789,11 @@ def test_proofs_of_one_loop_say_what_they_leave_aside_of_an_arm(
         write_prototype(at(link, 0.0, offset, 0.0), path)
         written = tmp_path / "certificate.toml"
         asked = [*command, str(path), "--outer-end-mass", "2:2.5", "--out", str(written)]
-        done = CliRunner().invoke(app, asked)
+        done = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "answer.json")])
         assert done.exit_code == 0, done.output
-        assert ("payload and sensor on the beam's axis at the tip" in done.output) is told
+        aside = json.loads((tmp_path / "answer.json").read_text())["arm_left_aside"]
+        for said in (done.output, aside):
+            assert ("payload and sensor on the beam's axis at the tip" in said) is told
 
 
 def test_the_checker_says_what_a_certificate_of_one_loop_leaves_aside_of_an_arm(link: Prototype):

@@ -150,6 +150,20 @@ def test_what_remedies_do_not_take_of_a_study_is_told(tmp_path: Path, monkeypatc
         assert f"{key} is not taken" in " ".join(said.split())
 
 
+def test_a_lag_scheduled_on_the_payload_is_told_to_be_proved_of_payloads_that_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tube, lag = Tube(0.14, 0.0023), Lag(gain_A_per_V=0.1, pole_Hz=1.0, zero_Hz=30.0)
+    proved = (Proved(lag, 0.0, 3.0, 2.0, np.zeros(0)),)
+    fixed = Remedy("controller with more phase", 0.0, 3.0, 2.0, tube, tube, 0.0, proved, ((0.0, 6.8),))
+    scheduled = replace(fixed, name="lag scheduled on the payload", proved=2 * proved, parts_kg=((0, 4), (3, 6.8)))
+    (study,) = start("codesign", tmp_path / "link.toml")
+    for found, told in ((scheduled, 1), (replace(scheduled, reason="no gain"), 0)):
+        monkeypatch.setattr(remedies, "remedies", lambda *_, found=found: (fixed, found))
+        _, said = call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"))
+        assert " ".join(said.split()).count("while these stay; no change between them") == told
+
+
 def test_remedies_without_given_sections_are_refused(tmp_path: Path) -> None:
     (study,) = start("study", tmp_path / "link.toml")
     done = CliRunner().invoke(app, ["remedies", str(study), "--out", str(tmp_path / "out")])

@@ -446,6 +446,17 @@ def test_of_a_payload_off_the_axis_no_loop_on_it_is_drawn_or_tuned(data: Dataset
     assert "Compliance with" in gap_report_html(found, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)
 
 
+def test_what_is_promised_as_diagnosed_says_of_what_motion(data: Dataset, found: Diagnosis, page: str) -> None:
+    """Of a joint with play nothing is proved of small motion, however stable its linear members are."""
+    assert "linear loops of either prototype; as diagnosed for exactly these figures. " in page
+    loose = replace(found, prototype=data.prototype.but(effects={"joint_backlash": {}}))
+    loops = designer_terms(data, loose.prototype)
+    words = "for exactly these figures, linear members only; of small motion no stability (joint_backlash)"
+    assert {loop.diagnosed.holds_for for loop in loops} == {words}
+    text = gap_report_html(loose, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)
+    assert f"as diagnosed {words}." in text
+
+
 def test_what_is_proved_of_a_prototype_that_leaves_the_gap_is_no_promise(
     data: Dataset, found: Diagnosis, page: str
 ) -> None:

@@ -86,6 +86,12 @@ def test_a_tube_weighs_three_eighths_at_its_tip() -> None:
     assert weighing_mass(bare) == 4.0
 
 
+def test_what_is_held_is_so_of_the_figures_stated_whatever_rigs_the_loop_is_proved_of() -> None:
+    problem, rig = stated()
+    held = standing(problem, rig, PAYLOAD)
+    assert dict(held.rows())["holds, link level"] == f"{held.held}, of exactly these figures"
+
+
 def test_pressure_is_load_and_weight_over_the_piston() -> None:
     problem, rig = stated()
     held = standing(problem, rig, PAYLOAD)

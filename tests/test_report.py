@@ -244,6 +244,12 @@ def test_shading_holds_every_compliance_between_the_ends_of_the_range(run: Desig
             assert column.min() * 0.9 <= value <= column.max() * 1.1
 
 
+def test_the_line_that_is_proved_says_of_which_rigs_and_of_which_curves(of_its_loop: list[CaptionedFigure]) -> None:
+    """With the servo off the rig is softer than the line promises, and is drawn beside it."""
+    (caption,) = (one.caption for one in of_its_loop if one.name == "compliance")
+    assert "proved for exactly these figures: with the servo on and every mass of 0 to 6.8 kg no curve" in caption
+
+
 def test_root_locus_passes_the_axis_at_the_critical_gain_that_the_loop_states(
     run: DesignRun, of_its_loop: list[CaptionedFigure]
 ) -> None:

@@ -33,6 +33,7 @@ from beamdesign import (
 from beamdesign.cli import app
 from beamdesign.cli.command import of_all
 from beamdesign.controllers import Estimator, Scheduled, Section, Stage, Structured
+from beamdesign.controllers.scheduled import sampling_period_s
 from beamdesign.controllers.scheduling import (
     CANDIDATES,
     FREE,
@@ -72,7 +73,7 @@ from beamdesign.structure.lumped import figures
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, limited, sampling_period_s, stage_ranges
+from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, limited, stage_ranges
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"

@@ -210,7 +210,9 @@ def _of_law(law: LawSpecification) -> dict[str, Any]:
 
 
 def _reached(found: Guaranteed | None) -> dict[str, Any] | None:
-    return None if found is None else picked(found, "bandwidth_Hz peak_sensitivity") | {"basis": "proved"}
+    if found is None:
+        return None
+    return picked(found, "bandwidth_Hz peak_sensitivity") | {"basis": "proved", "rigs": "nominal"}
 
 
 def _stable_ranges_kg(spec: Specification) -> list[tuple[float, float]]:

@@ -102,7 +102,8 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     verdict = Markup(
         "For {}: with every mass of {} on its outer tip the rig is <strong>{}</strong>, gives way"
         " by no more than {} up to"
-        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
+        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below. With exactly the figures stated it"
+        " carries {} with beams of {}."
     ).format(
         rigs_in_words(guarantee.sigmas), masses, "proved stable" if certificate.stable else "not stable",
         quantity(prototype.goal.compliance_m_per_N, "m/N", 15), bandwidth, peak, quantity(load_N, "N"),
@@ -241,7 +242,8 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     if run.holding:
         unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
         how = f"closed formulas and the linear loop on a grid of frequencies{unasked}"
-        claim = f"the actuator holds {run.holding.held}, the link level, and the tubes do not touch"
+        held = f"{run.holding.held}, the link level, and the tubes do not touch"
+        claim = f"the actuator holds {held}, of {rigs_in_words(0.0)}"
         yield Statement(claim, "refuted" if run.holding.missed else _VERIFIED, how)
     if sizing.stock:
         how = f"all {sizing.stock.pairs} pairs were checked"

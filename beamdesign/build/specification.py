@@ -10,7 +10,7 @@ from typing import Any
 from beamdesign.arguments import checked, takes
 from beamdesign.build.acceptance import AcceptanceAtMass, AcceptancePlan, acceptance, acceptance_plan
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
-from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
+from beamdesign.build.ratings import KEPT, Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
 from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
@@ -23,6 +23,7 @@ from beamdesign.proofs.certificate import Certificate, Guaranteed
 from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.scope import holds_for
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import Force, SamplingRate, Share, decimal, masses_text, stated_bandwidth, stated_peak
@@ -33,6 +34,7 @@ from beamdesign.synthesis.design_run import DesignRun
 _REFERENCE_N = 100.0
 _DELAY_BUDGET = 2000
 _TRIES = 3
+_PROVED = ("none proved", "proved")
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,7 @@ class Specification(Result):
             ("for every outer end mass of", masses_text(self.masses_kg), ""),
             ("guaranteed bandwidth", stated_bandwidth(guaranteed.bandwidth_Hz), "proved"),
             ("guaranteed peak sensitivity", stated_peak(guaranteed.peak_sensitivity), "proved"),
+            ("proved", holds_for(self.prototype), ""),
         ]
         for law in self.laws:
             name = f"stage {law.stage.number}: " if law.stage.number else ""
@@ -148,8 +151,14 @@ class Specification(Result):
             rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
         if self.prototype.schedule is not None and self.switching is None:
             rows.append(("changes between the laws", "not covered by any proof", "the prototype has effects"))
+        stays, keeps = (optional(at, "Hz", ROUND_CEILING) for at in (sensor.stable_from_Hz, sensor.performs_from_Hz))
         rows += [
-            ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
+            ("sensor bandwidth from which on the loop is stable", stays, _PROVED[sensor.stable_from_Hz is not None]),
+            (
+                f"that costs at most {100 * KEPT:g} % of the guarantee",
+                keeps,
+                _PROVED[sensor.performs_from_Hz is not None],
+            ),
             ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m, 4, ROUND_FLOOR)} µm", "computed"),
         ]
         if tolerances is None:

@@ -71,6 +71,7 @@ def arm(
 
     from beamdesign.proofs.arm.both_planes import prove_anywhere
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
+    from beamdesign.quantities import rigs_in_words
 
     def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
         own, payloads, _ = stage
@@ -81,7 +82,8 @@ def arm(
         _echo_proof(own, found)
         for name, verdict in places.items():
             planes = "both planes" if name == "both" else f"plane {name}"
-            echo(f"{planes}, for every payload and every place of its centre asked for: {_VERDICTS[verdict.stable]}")
+            every = f"every payload and every place of its centre asked for, of {rigs_in_words(0.0)}"
+            echo(f"{planes}, for {every}: {_VERDICTS[verdict.stable]}")
             if verdict.reason:
                 echo(f"  {verdict.reason}")
         _echo_compliance(found)
@@ -175,7 +177,8 @@ def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     limit = f"{goal.compliance_m_per_N:.15g} m/N"
     if found.both is not None:
         reason = f": {found.both.reason}" if found.both.reason else ""
-        echo(f"both planes, coupled by the payload: {_VERDICTS[found.both.stable]} from {asked}{reason}")
+        verdict = f"{_VERDICTS[found.both.stable]} from {asked}, for {rigs_in_words(0.0)}"
+        echo(f"both planes, coupled by the payload: {verdict}{reason}")
         echo("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
         if found.sampled_load_Hz is not None:
             in_y, in_z = found.sampled_load_Hz
@@ -327,4 +330,4 @@ def certify_switching(
     echo(f"{record.name}: {several}outer end mass changing between {low:.15g} and {high:.15g} kg")
     echo(*lines, before="  ")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    return CommandResult(found.to_dict() | {"certificate": path}, found.yes)
+    return CommandResult(found.to_dict() | {"arm_left_aside": aside, "certificate": path}, found.yes)

@@ -94,6 +94,7 @@ def certify(
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
     from beamdesign.proofs.scope import holds_for, near_rest
+    from beamdesign.structure.arm import left_aside
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(out, prototype, "certificate", stage.suffix)
@@ -104,7 +105,8 @@ def certify(
         write_certificate(path, certificate.text)
         between, not_proved = _between(rig, certificate, path) if rig.effects else ({}, "")
         fields = certificate.to_dict() | between
-        fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear), "certificate": path}
+        fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear)}
+        fields |= {"arm_left_aside": left_aside(rig), "certificate": path}
         holds, reason = certificate.yes, certificate.small_motion
         if not_proved and not linear:
             holds, reason = False, reason or not_proved
@@ -232,6 +234,8 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
+    from beamdesign.structure.arm import left_aside
+
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(out, prototype, "box", stage.suffix)
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
@@ -244,7 +248,8 @@ def certify_box(
             echo(f"scaling of the tolerances: {words}")
         if found.text:
             write_certificate(path, found.text)
-        return found.to_dict() | {"certificate": path if found.text else None}, found.yes
+        more = {"arm_left_aside": left_aside(stage.prototype), "certificate": path if found.text else None}
+        return found.to_dict() | more, found.yes
 
     with within(seconds / 60):
         return by_stage(record, masses, proved)
@@ -317,7 +322,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, found.sigmas)}")
     point, last = verdict.unstable_point or {}, ("not stable at",) if verdict.unstable_point else ()
     rows = [
-        [key, inwards(low, factor, True), inwards(high, factor), *(nearest(one) / factor for one in at)]
+        [key, inwards(low, factor, True), inwards(high, factor), *(f"{nearest(one) / factor:.12g}" for one in at)]
         for name, (low, high) in box.ranges.items()
         for (key, factor), at in [(figure_key(name), [point[name]] if name in point else [])]
     ]

@@ -97,6 +97,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
         title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
         promised = terms_table(loop)
         echo_table(title, promised.heads, promised.rows)
+    if words := next((loop.diagnosed.holds_for for loop in terms if loop.diagnosed.holds_for), ""):
+        echo(f"what is promised as diagnosed is proved {words}")
     if found.reserve:
         echo(found.reserve)
     if renewed is not None and renewed.reason:

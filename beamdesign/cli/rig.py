@@ -46,7 +46,8 @@ def code(
     Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
     to the last bit. The loop is proved with the rounded coefficients, its current held, at once and one period late;
     what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
-    the range; a higher rate or a longer word may be.
+    the range; a higher rate or a longer word may be. Of a prototype with effects the sampled loop is not worked out:
+    the code is written, and says that its loop is not proved.
 
     Args:
         prototype: the prototype.toml, with a controller.

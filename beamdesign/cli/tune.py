@@ -80,9 +80,11 @@ def tune(
     loop gain and current that its valve sets; lqg and hinf are state feedback with an observer, synthesised by Riccati
     equations, reduced to order 8 and refined within the same limits, as is the prototype's own
     controller where it is structured or an observer. A scheduled one has a law for each part of the payloads, chosen by
-    an estimate of the payload and stable whichever acts when: lags, or structured ones where the prototype's own
+    an estimate of the payload and stable for all payloads: lags, or structured ones where the prototype's own
     controller is. All of it is proved of every rig within two standard deviations of each figure at once, with
-    --nominal of exactly the figures stated. Exit status 1 if no design can be proved.
+    --nominal of exactly the figures stated; changes between the laws, whichever acts when or as far apart as the answer
+    says, of exactly these in either case, and with effects not at all. Exit status 1 if no design can be proved, if
+    changes are looked at and not proved, or with --nominal if stability between the ends of what effects freeze is not.
 
     Args:
         prototype: the prototype.toml to tune.
@@ -152,7 +154,7 @@ def tune(
     for stage, law, (certificate, own) in zip(found.stages, found.each, each, strict=True):
         end = stage.suffix.replace(".", "_")
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
-        answers.append((_of_law(stage, law, certificate), True))
+        fields, proved = _of_law(stage, law, certificate), True
         if law.best is not None and law.best.over_box is not None:
             texts[f"certificate_box{end}"] = (certificate_name(stage.suffix, box=True), law.best.over_box.certificate)
         if record.effects:
@@ -161,6 +163,10 @@ def tune(
                 echo(f"  {words}")
             if verdict is not None and verdict.certificate:
                 texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", verdict.certificate)
+            # over a box it is proved with the rest
+            proved = verdict is None or verdict.stable is True or (law.best is not None and law.best.sigmas > 0)
+            fields["stable_between"] = verdict and (proved or verdict.stable)
+        answers.append((fields, proved))
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)
@@ -171,14 +177,15 @@ def tune(
     elif found.laws:
         echo("  changes between the laws are not covered by any proof: the prototype has effects")
     paths: dict[str, Path] = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
-    return CommandResult(answer | paths | limit, changes is None or bool(changes.stable), paths.values())
+    return CommandResult(answer | paths | limit, found.yes and all(yes for _, yes in answers), paths.values())
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
     from beamdesign.proofs.certificate import describe, goal_claims
-    from beamdesign.proofs.scope import holds_for
+    from beamdesign.proofs.scope import holds_for, near_rest
     from beamdesign.quantities import further_rows, guaranteed_rows
+    from beamdesign.structure.arm import left_aside
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None
@@ -198,6 +205,9 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
         "guaranteed": found | limits | picked(certificate, "method scope"),
+        "holds_for": holds_for(stage.prototype, best.sigmas),
+        "near_rest": near_rest(stage.prototype),
+        "arm_left_aside": left_aside(stage.prototype),
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
@@ -260,7 +270,6 @@ def stiffness(
         rigs: rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.
         out: folder for prototype.toml and its certificates; else none is written.
     """
-    from beamdesign.quantities import mass_range_text
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
 
     record = beamdesign.read_prototype(prototype)
@@ -283,7 +292,7 @@ def stiffness(
             refuse(prototype, ("controller", str(error)))
         found = answer.best
         assert found is not None  # it is judged as it is
-        rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
+        rows = [*_kept(found), *_proved_of(own)]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
         echo(*in_words(found))
         echo_aside(rig)
@@ -313,7 +322,7 @@ def give_stiffness(
     Raises:
         InputError: for a stiffness that is none, effects, or no controller to keep.
     """
-    from beamdesign.quantities import mass_range_text, quantity
+    from beamdesign.quantities import quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
@@ -333,7 +342,7 @@ def give_stiffness(
         *_kept(best),
         ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
         ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
-        ("for every outer end mass", mass_range_text(masses)),
+        *_proved_of(masses),
     ]
     echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
@@ -364,3 +373,10 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
         ("command followed at rest, share of it", found.command_at_rest),
         ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
     ]
+
+
+def _proved_of(masses_kg: tuple[float, float]) -> list[tuple[str, str]]:
+    """Rows of the payloads and rigs of which it is proved."""
+    from beamdesign.quantities import mass_range_text, rigs_in_words
+
+    return [("for every outer end mass", mass_range_text(masses_kg)), ("of", rigs_in_words(0.0))]

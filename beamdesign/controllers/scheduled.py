@@ -1,8 +1,8 @@
 """Several laws, one for each part of the payload's range, chosen by an estimate of the payload."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from math import inf
+from math import inf, pi
 from typing import Any, ClassVar, Literal, NoReturn, Self
 
 from pydantic import Field
@@ -88,6 +88,20 @@ def longest_period_s(update_s: float, window_s: float) -> float:
     An update has a sample at least, and a window more than a free response explains by itself.
     """
     return min(update_s, window_s / (FREE + 1))
+
+
+_PERIODS_S = (5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
+"""Of sampling, the first of them being the usual one."""
+
+
+def sampling_period_s(stages: Sequence[Stage], estimator: Estimator) -> float:
+    """The longest usual period of at most a quarter of that of the highest break of any law, enough for an estimate."""
+    from beamdesign.polynomial import roots  # records are read without it
+
+    laws = [stage.law.sensed_law() for stage in stages]
+    breaks = [abs(root) for law in laws for part in (law.denominator, *law.numerators) for root in roots(part)]
+    longest = min(pi / 2 / max(breaks), estimator.longest_period_s)
+    return next((period for period in _PERIODS_S if period <= longest), _PERIODS_S[-1])
 
 
 _USUAL = {name: field.default for name, field in Estimator.model_fields.items()}

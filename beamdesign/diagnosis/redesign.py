@@ -14,6 +14,7 @@ from beamdesign.loop import critical_gain
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.scope import holds_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.arm import off_axis
@@ -54,6 +55,7 @@ class Terms:
         peak_sensitivity: likewise.
         critical: at both ends of the range; fewer where a loop oscillates at no gain.
         scope: what of each effect is covered, in words.
+        holds_for: of which rigs and which motion all of it is, in words; empty where there are no figures.
         reason: why there are no figures, in words; empty otherwise.
     """
 
@@ -64,6 +66,7 @@ class Terms:
     critical: tuple[CriticalPoint, ...] = ()
     scope: tuple[str, ...] = ()
     reason: str = ""
+    holds_for: str = ""
 
 
 @dataclass(frozen=True)
@@ -165,6 +168,7 @@ def terms(prototype: Prototype) -> Terms:
         guaranteed.peak_sensitivity if guaranteed else None,
         tuple(critical),
         certificate.scope,
+        holds_for=holds_for(prototype),
     )
 
 

@@ -186,6 +186,14 @@ class Row:
     bound_m: float | None = None
     statement: dict[str, Any] | None = None
 
+    @property
+    def rests(self) -> bool:
+        """Whether the loop comes to rest while its law's current saturates, under any constant command and load."""
+        stated = self.statement or {}
+        if not self.proved or stated.get("kind") != "slope" or "place" in stated:
+            return False
+        return not any(term["coefficient"].startswith("-") for term in stated["term"])  # those are for odd ones alone
+
     def line(self) -> str:
         """It in words."""
         bound = "" if self.bound_m is None else f" (the tip strays by at most {self.bound_m:.4g} m)"

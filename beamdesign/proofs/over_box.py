@@ -19,7 +19,7 @@ from beamdesign.proofs.certificate import Row, over_passive
 from beamdesign.proofs.changing_gain import changing_over_box
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import FACTOR
-from beamdesign.proofs.scope import members
+from beamdesign.proofs.scope import holds_for, members, near_rest
 from beamdesign.proofs.statement import Interval
 from beamdesign.proofs.tolerance_box import (
     Scaling,
@@ -120,6 +120,8 @@ class BoxGuarantee(Result):
             ],
             "guaranteed": self.guaranteed,
             **({} if self.nonlinear is None else {"nonlinear": [row.to_dict() for row in self.nonlinear]}),
+            "holds_for": holds_for(self.prototype, self.sigmas),
+            "near_rest": near_rest(self.prototype, self.nonlinear or ()),
             "complete": not self.left_out,
             "left_out": self.left_out,
         })  # fmt: skip

@@ -109,8 +109,8 @@ def passive_curves(prototype: Prototype, outer_end_mass: float) -> dict[str, Loo
     curves = {"servo off": LoopAtMass(plant.denominator.at(mass), none, plant.disturbance)}
     if (one := beam_of_equal_mass(prototype.outer_beam, prototype.inner_beam)) is not None:
         polynomial = fmpq_poly([exact(one.stiffness), exact(one.damping), exact(one.mass) + mass])
-        label = "passive beam of equal mass" + ": even solid it is lighter" * one.solid
-        curves[label] = LoopAtMass(polynomial, none, fmpq_poly([1]))
+        lighter = ": even solid it is lighter" if one.solid else ""
+        curves[f"passive beam of equal mass{lighter}"] = LoopAtMass(polynomial, none, fmpq_poly([1]))
     return curves
 
 

@@ -95,10 +95,10 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         " servo off, which asks for no current; and, where sections are stated, one tube of the outer one's width,"
         " material and length that weighs as much as both tubes together."
     )
-    if promised is not None:
+    if promised is not None and guarantee:
         caption += (
-            f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
-            f" {stated_bandwidth(promised)}."
+            f" The thick line is proved for {rigs_in_words(guarantee.sigmas)}: with the servo on and every mass of"
+            f" {span} no curve passes above it, up to {stated_bandwidth(promised)}."
         )
     if len(ends) > 1:
         caption += f" Shaded: between the least and the largest at {FAMILY} masses of the range, drawn and not proved."

@@ -1,11 +1,13 @@
 """What is worked out of one case: a function per task, each of which loads the engine that it needs."""
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import stated_range
 from beamdesign.records import InputError
 from beamdesign.result import picked
 from beamdesign.sweep import case
@@ -102,7 +104,8 @@ def remedy(problem: DesignProblem, options: case.RemediesOptions) -> Answer:
 def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     """Controller and inner end mass with the largest guaranteed bandwidth over the payload range.
 
-    Of several laws the one of the least bandwidth, with those of each in the details.
+    Of several laws the one of the least bandwidth, with those of each in the details; a no where changes between them
+    are looked at and not proved.
     """
     from beamdesign.synthesis import tuning
 
@@ -115,7 +118,10 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
         assert law.best is not None
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
         answers[stage.prototype.name] = Answer(law.best.columns(), details)
-    return of_all(answers)
+    answer = of_all(answers)
+    if found.switching is None or found.yes:
+        return answer
+    return replace(answer, reason=f"changes between its laws are not proved: {found.switching.reason}")
 
 
 def _effort(found: "Tuning") -> dict[str, Any]:
@@ -138,7 +144,7 @@ def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
     covered = sum(most - least for least, most in found.stable_ranges_kg)
     outputs = {
         **_guaranteed(found, None),
-        "stable_ranges_kg": [f"{least:.7g} to {most:.7g}" for least, most in found.stable_ranges_kg],
+        "stable_ranges_kg": [stated_range(ends) for ends in found.stable_ranges_kg],
         "stable_share": float(found.stable) if low == high else covered / (high - low),
         "unstable_below_kg": below.value if below is not None and below.value >= 0 else None,
         "unstable_above_kg": above.value if above is not None else None,

@@ -46,6 +46,7 @@ from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import certificate, maybe_infinite, stated, texts
 from beamdesign.prototype import Compliance, Prototype
+from beamdesign.quantities import mass_range_text, rigs_in_words
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure.lumped import figures
 
@@ -316,9 +317,9 @@ Tables = dict[str, Any]
 
 def contact_text(prototype: Prototype, found: EndStiffness) -> str:
     """The certificate of the tip of a prototype with its controller."""
-    low, high = found.outer_end_mass_kg
-    title = f"Contact of {prototype.name!r} with every outer end mass from {low:.15g} to {high:.15g} kg."
-    body = {"outer_end_mass_kg": stated((low, high))} | _tables(found)
+    asked = f"every outer end mass from {mass_range_text(found.outer_end_mass_kg)}"
+    title = f"Contact of {prototype.name!r} with {asked}, for {rigs_in_words(0.0)}."
+    body = {"outer_end_mass_kg": stated(found.outer_end_mass_kg)} | _tables(found)
     return certificate(KIND, prototype, body, "\n".join([title, *in_words(found)]), notes=NOTES)
 
 

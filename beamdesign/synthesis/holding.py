@@ -31,7 +31,7 @@ from beamdesign.plant.actuators import KINDS, MARGIN
 from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m, weight_N
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import at_least, at_most
+from beamdesign.quantities import at_least, at_most, rigs_in_words
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.shapes import gaps
@@ -163,7 +163,7 @@ class Holding:
             for limit in self.limits[1:-1]
         ]
         unasked = [(f"{name} not asked for want of", key) for name, key in self.missing.items()]
-        return [("holds, link level", self.held), *limits, *unasked]
+        return [("holds, link level", f"{self.held}, of {rigs_in_words(0.0)}"), *limits, *unasked]
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""

@@ -16,11 +16,11 @@ from beamdesign.controllers.protocol import UNIT
 from beamdesign.loop import member_loop, rig_loop
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact, nearest
-from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
+from beamdesign.proofs.absolute_stability import FOR_ODD, IN_THE_CURRENT, absolute_stability
 from beamdesign.proofs.certificate import Asked, Claim, goal_claims, over_passive, peak_claim
 from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.proofs.scope import members
+from beamdesign.proofs.scope import is_linear, members
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.quantities import masses_text
 from beamdesign.result import picked
@@ -102,6 +102,8 @@ class Proved:
         """
         box, nominal = self.over_box, self.nominal or (self.bandwidth_Hz, self.peak_sensitivity)
         lower = prototype.goal.lower_gains or forbidden_shares(prototype, masses_kg)
+        rests = any(one.kind == "slope" for one in box.claims) if box else _rests(prototype, masses_kg)
+        frozen = [name for name in sorted(prototype.effects) if not is_linear(name) and name not in IN_THE_CURRENT]
         return {
             "bandwidth_Hz": self.bandwidth_Hz,
             "peak_sensitivity": self.peak_sensitivity,
@@ -109,7 +111,8 @@ class Proved:
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
-            "comes_to_rest": any(one.kind == "slope" for one in box.claims) if box else _rests(prototype, masses_kg),
+            "comes_to_rest": rests,
+            **({"at_rest_with_frozen": frozen} if rests and frozen else {}),
             "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
             "tightest": [] if box is None else list(box.tightest),
         }

@@ -20,18 +20,18 @@ would take hours for.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, floor, log10, pi, prod
+from math import ceil, floor, log10, prod
 
 import numpy as np
 
 from beamdesign.arguments import checked, takes
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage, wrong_sensors
-from beamdesign.controllers.scheduled import STAGES
+from beamdesign.controllers.scheduled import STAGES, sampling_period_s
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import mass_unit_kg, most_inside_kg, pace
 from beamdesign.plant.members import served
-from beamdesign.polynomial import nearest, roots
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
@@ -61,8 +61,6 @@ SMALLEST_BANDWIDTH_HZ = 1e-3
 """Below this a loop does not hold its load still, and is no answer."""
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
-_PERIODS_S = (5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
-"""Of sampling, the first of them being the usual one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,6 +93,11 @@ class Tuning(Result):
     alone_Hz: tuple[float, ...] = ()
     switching: Switching | None = None
     left_out: tuple[str, ...] = ()
+
+    @property
+    def yes(self) -> bool:
+        """Whether there is an answer, with changes between its laws proved where they are looked at."""
+        return not self.reason and (self.switching is None or self.switching.stable)
 
     @property
     def each(self) -> "tuple[Tuning, ...]":
@@ -336,14 +339,6 @@ def _tune_stages(
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
     return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))
-
-
-def sampling_period_s(stages: Sequence[Stage], estimator: Estimator) -> float:
-    """The longest usual period of at most a quarter of that of the highest break of any law, enough for an estimate."""
-    laws = [stage.law.sensed_law() for stage in stages]
-    breaks = [abs(root) for law in laws for part in (law.denominator, *law.numerators) for root in roots(part)]
-    longest = min(pi / 2 / max(breaks), estimator.longest_period_s)
-    return next((period for period in _PERIODS_S if period <= longest), _PERIODS_S[-1])
 
 
 def kept_apart(rig: Prototype, found: Switching) -> Prototype:

@@ -308,7 +308,8 @@ def code(
         progress: called with the share done and what is being done.
 
     Raises:
-        InputError: without a controller, for one that cannot be realised so, or for figures that are not plausible.
+        InputError: without a controller, for one that cannot be realised so, or for figures that are not plausible; for
+            any computing time of a prototype with effects, of whose sampled loop nothing is proved.
         ValueError: for an empty range.
     """
     if prototype.controller is None:
@@ -319,6 +320,8 @@ def code(
         limit = prototype.actuator.largest_current_A(prototype)
     else:
         (limit,) = checked(prototype.name, "largest_current_A", LargestCurrent, largest_current_A)
+    if any_computing_time and prototype.effects:
+        raise InputError(prototype.name, [("any_computing_time", f"is not proved here: {_without(prototype)}")])
     own = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
     masses = prototype.asked_kg(own if outer_end_mass_kg is None else outer_end_mass_kg)
     try:
@@ -330,6 +333,11 @@ def code(
     if any_computing_time and found.proved:
         found = replace(found, any_time=prove_any_computing_time(realised_loop(prototype, made), *masses, progress))
     return found
+
+
+def _without(prototype: Prototype) -> str:
+    """Why nothing is proved of the sampled loop of a prototype with effects, in words."""
+    return f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
 
 
 def judge(
@@ -348,7 +356,7 @@ def judge(
     """
     controller = prototype.own_controller
     if prototype.effects:
-        reason = f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
+        reason = _without(prototype)
         errors = law_errors(controller, realisation, realisation.rate_Hz / 40)
         found = stability_over(linear_part(prototype), *masses_kg)
         return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason, unstable=found.reason)
