@@ -13,7 +13,7 @@ from flint import fmpq, fmpq_mat
 from beamdesign.polynomial import exact, nearest, text
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.courses import DEGREES, any_change, bounded_rate, stage_change, sudden_change
-from beamdesign.proofs.decrease import ZERO, Joining
+from beamdesign.proofs.decrease import ZERO, Joining, Sought
 from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
@@ -131,7 +131,7 @@ def switching(
     if wanted_kg_per_s is not None and not 0 < wanted_kg_per_s < inf:
         raise ValueError(f"the rate must be positive and finite, is {wanted_kg_per_s}")
     low, high = exact(low_kg), exact(high_kg)
-    stays = frozen(families, low, high)
+    sought, stays = Sought(families, low, high), frozen(families, low, high)
 
     def result(stages: Course, common: Course, rates: Sequence[Course], sudden: Sequence[Course]) -> Switching:
         found = (stays, stages, common, tuple(rates), tuple(sudden))
@@ -144,13 +144,13 @@ def switching(
         return result(stages, refuted, each, each)
     if len(families) > 1:
         update(0.05, "changes of stage")
-    stages, coordinates = stage_change(families, low, high)
+    stages, coordinates = stage_change(sought)
     if stages.kind != "any_time":
         cycle = stages.counterexample
         status: Status = "refuted" if cycle is not None and cycle.proved else "undecided"
         return result(stages, Course(status, stages.reason, counterexample=cycle), [], [])
     update(0.15, "any change")
-    common, onward = any_change(families, low, high)
+    common, onward = any_change(sought)
     if len(families) == 1 or common.status == "proved":
         coordinates = onward
     degrees = [d for d in DEGREES if d >= len(stages.coefficients) - 1]
@@ -165,9 +165,10 @@ def switching(
         def part(fraction: float, text: str = "", share: float = share) -> None:
             update(share + 0.3 * fraction, text)
 
-        rates.append(bounded_rate(families, low, high, joining, coordinates, wanted, update=part, degrees=degrees))
+        joined = replace(sought, joining=joining)
+        rates.append(bounded_rate(joined, coordinates, wanted, update=part, degrees=degrees))
         update(share + 0.3, f"sudden changes, mass {joining.replace('_', ' ')}")
-        sudden.append(sudden_change(families, low, high, joining, coordinates))
+        sudden.append(sudden_change(joined, coordinates))
     return result(stages, common, rates, sudden)
 
 
