@@ -29,7 +29,7 @@ from itertools import permutations
 from operator import mul
 from typing import Any, Literal
 
-from flint import arb, ctx, fmpq, fmpq_mat, fmpz
+from flint import arb, ctx, fmpq, fmpq_mat
 
 from beamdesign.proofs.frames import control_value
 from beamdesign.proofs.mass_family import Families, MassFamily
@@ -44,25 +44,20 @@ DEEPEST = 10
 def not_positive(matrix: fmpq_mat) -> str:
     """Why a matrix is not positive definite, in words; empty where it is proved to be, in rationals.
 
-    Sylvester's criterion by fraction-free elimination (Bareiss): all leading principal minors are positive. A
-    semidefinite matrix is not positive definite: its first vanishing minor is named.
+    Sylvester's criterion: all leading principal minors are positive. A semidefinite matrix is not positive definite:
+    its first vanishing minor is named.
 
     Args:
         matrix: square, rational.
     """
     if matrix != matrix.transpose():
         return "the matrix is not symmetric"
-    rows: list[list[Any]] = matrix.numer_denom()[0].tolist()  # over one positive denominator: signs stay
-    before = fmpz(1)
-    for k, pivot_row in enumerate(rows):
-        pivot = pivot_row[k]  # the leading principal minor of order k + 1
-        if pivot <= 0:
-            return f"leading minor {k + 1} of {len(rows)} is {'zero' if pivot == 0 else 'negative'}"
-        for row in rows[k + 1 :]:
-            head = row[k]
-            for j in range(k + 1, len(rows)):
-                row[j] = (pivot * row[j] - head * pivot_row[j]) // before  # exact division
-        before = pivot
+    # The pivots without fractions are these minors, over one positive denominator, until rows change places at a zero.
+    rows, _, _, upper = matrix.numer_denom()[0].fflu()
+    for k in range(matrix.nrows()):
+        minor = upper[k, k] if rows[k, k] == 1 else 0
+        if minor <= 0:
+            return f"leading minor {k + 1} of {matrix.nrows()} is {'zero' if minor == 0 else 'negative'}"
     return ""
 
 
