@@ -45,7 +45,7 @@ from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.multiplier import Multiplier, fits, is_proper, slack
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
-from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
+from beamdesign.proofs.quadratic import Coefficients, first_negative, less, over_mass
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
@@ -237,8 +237,7 @@ class Pair:
 
     def fits(self, multiplier: Multiplier, weight: fmpq, low: fmpq, high: fmpq, margin: fmpq) -> bool:
         """Whether the matrix is positive definite, to a margin, at every mass (kg) and frequency."""
-        coefficients = self.slack(multiplier, weight, margin)
-        return quadratic_nonnegative(*coefficients, low, high, _NONE, None).holds
+        return first_negative(self.slack(multiplier, weight, margin), low, high) is None
 
     def responses(self, masses: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """1 + L_a, (1 - a) F and H at jw in floats, (masses, frequencies) each."""

@@ -2,7 +2,7 @@
 
 Six claims: compliance up to a bandwidth, peak sensitivity, loop gain above a frequency, controller effort, decay rate,
 gain margin. The first four are magnitudes |above / below| that stay within a limit: inequalities quadratic in the mass
-(see `quadratic_nonnegative`); the other two are stability of related families. Each presupposes that the loop is stable
+(see `first_negative`); the other two are stability of related families. Each presupposes that the loop is stable
 over the range, which is proved first. For magnitudes there is the inverse question as well: the best figure that can be
 proved, rounded to the safe side.
 """
@@ -21,13 +21,7 @@ from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, at_points, exact, nearest, ratio, roots, shortened
 from beamdesign.proofs.arm import PlaneLoop
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
-from beamdesign.proofs.quadratic import (
-    Coefficients,
-    kept_up_to_Hz,
-    magnitude_slack,
-    quadratic_nonnegative,
-    squared_frequency,
-)
+from beamdesign.proofs.quadratic import Coefficients, first_negative, kept_up_to_Hz, magnitude_slack, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import Unstable, unstable_at
 
@@ -113,14 +107,12 @@ def _exceeded(side: Side, asked: Asked, limit: fmpq) -> Unstable | None:
     start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
     bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
     until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
-    found = quadratic_nonnegative(*slack(asked.kind, side.loop, limit), side.low, side.high, start, until).witness
+    found = first_negative(slack(asked.kind, side.loop, limit), side.low, side.high, start, until)
     if found is None:
         return None
-    value, square = found
-    frequency = sqrt(nearest(square)) / (2 * pi)
-    symbol = MAGNITUDES[asked.kind].symbol
-    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(value):.6g} kg"
-    return Unstable(value, True, frequency, reason, square)
+    frequency, symbol = sqrt(nearest(found.x)) / (2 * pi), MAGNITUDES[asked.kind].symbol
+    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(found.mass):.6g} kg"
+    return Unstable(found.mass, True, frequency, reason, found.x)
 
 
 def _decays_slowly(side: Side, rate: fmpq) -> Unstable | None:
@@ -216,7 +208,7 @@ def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.
 def keeps(kind: Kind, loop: Closed, limit: fmpq, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> bool:
     """Whether a magnitude of a loop that is stable keeps a limit, at every frequency or from one up."""
     start = squared_frequency(exact(from_Hz))[0]
-    return quadratic_nonnegative(*slack(kind, loop, limit), *ends, start, None).holds
+    return first_negative(slack(kind, loop, limit), *ends, start) is None
 
 
 def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0, goal: float = inf) -> float:
