@@ -59,8 +59,9 @@ def first_negative(
         x_low: least squared frequency, (rad/s)^2.
         x_high: largest one, None for infinity.
     """
-    for settled, sample in _cells(_dividers(*quadratic, low, high), x_low, x_high):
-        if (mass := _negative_at(*(one(sample) for one in quadratic), low, high)) is not None:
+    a, b, c = quadratic
+    for settled, sample in _cells(_dividers(a, b, c, low, high), x_low, x_high):
+        if (mass := _negative_at(a(sample), b(sample), c(sample), low, high)) is not None:
             return Negative(mass, sample, settled)
     return None
 
