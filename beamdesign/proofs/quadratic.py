@@ -98,9 +98,6 @@ def _negative_at(a: fmpq, b: fmpq, c: fmpq, low: fmpq, high: fmpq) -> fmpq | Non
 
 def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> Iterator[tuple[fmpq, fmpq]]:
     """For each open cell between the dividers' roots, ascending: a rational just below its start, and one inside it."""
-    if x_low == x_high:
-        yield x_low, x_low
-        return
     dividers = [_without(divider, x_low, x_high) for divider in dividers]
     precision = 32  # mostly enough, and arb takes a third of the time it needs for 64
     while (roots := _inner_roots(dividers, x_low, x_high, precision)) is None:
