@@ -298,8 +298,6 @@ class Statement:
     def merged(self, parameters: Mapping[str, Interval]) -> dict[str, Interval]:
         """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
         ranges = dict(parameters)
-        if empty := [name for name, (low, high) in ranges.items() if low > high]:
-            raise ValueError(f"empty range of {', '.join(empty)}")
         for name, kind, members in self.groups:
             if kind not in ("sum", "product") or name in ranges or set(members) - set(ranges):
                 raise ValueError(f"not a group: {name}")
