@@ -241,6 +241,7 @@ def _head(status: Status) -> str:
 
 
 KIND = "beamdesign.stages"
+_DWELL = "dwell_s factor decay_per_s"
 
 
 def stages_certificate(prototype: Prototype, found: Switching, summary: str) -> str:
@@ -270,7 +271,8 @@ def _claims(found: Switching) -> Iterator[Tables]:
     if stages.kind == "any_time" and stages.functions:
         yield _claim("stage_change", low, high) | _function(stages.coefficients)
     if stages.kind == "dwell":
-        yield _claim("stage_dwell", low, high, **_dwell(stages)) | {"stage": [_function(p) for p in stages.functions]}
+        claim = _claim("stage_dwell", low, high, **picked(stages, _DWELL))
+        yield claim | {"stage": [_function(p) for p in stages.functions]}
     if common.proved_up_to_kg is not None:
         yield _claim("any_change", low, exact(common.proved_up_to_kg)) | _function(common.coefficients)
     for rate in found.rates:
@@ -279,18 +281,13 @@ def _claims(found: Switching) -> Iterator[Tables]:
             yield claim | {"joining": rate.joining} | _function(rate.coefficients)
     for sudden in found.sudden:
         if sudden.kind == "dwell":
-            claim = _claim("payload_jumps", low, high, **_dwell(sudden))
+            claim = _claim("payload_jumps", low, high, **picked(sudden, _DWELL))
             yield claim | {"joining": sudden.joining} | _function(sudden.coefficients)
 
 
 def _claim(kind: str, low: fmpq, high: fmpq, **figures: fmpq) -> Tables:
     named = {name: text(value) for name, value in figures.items()}
     return {"kind": kind, "outer_end_mass_kg": texts((low, high))} | named
-
-
-def _dwell(course: Course) -> dict[str, fmpq]:
-    assert course.dwell_s is not None  # it is proved
-    return {"dwell_s": course.dwell_s, "factor": course.factor, "decay_per_s": course.decay_per_s}
 
 
 def _function(coefficients: Sequence[fmpq_mat]) -> Tables:
