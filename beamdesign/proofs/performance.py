@@ -57,15 +57,15 @@ MAGNITUDES: dict[Kind, Magnitude] = {
 
 
 def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
-    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit.
+    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit."""
+    above, below = _quotient(kind, loop)
+    return magnitude_slack(limit, below, above)
 
-    Raises:
-        ValueError: for the effort of a loop whose controller is not known.
-    """
+
+def _quotient(kind: Kind, loop: Closed) -> tuple[Affine, Affine]:
+    """Numerator and denominator of a loop's magnitude."""
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
-    if above is None:
-        raise ValueError("the controller of this loop is not known apart from its plant")
-    return magnitude_slack(limit, below, Affine(above, _NONE) if isinstance(above, fmpq_poly) else above)
+    return (Affine(above, _NONE) if isinstance(above, fmpq_poly) else above), below
 
 
 # Claims proved or refuted.
@@ -217,12 +217,10 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
     Where that rounding would pass a goal which is itself proved, it is the goal, so that a design that was tuned up to
     its goal is not told to be beyond it.
     """
-    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
-    above = Affine(above, _NONE) if isinstance(above, fmpq_poly) else above
     if kind == "peak_sensitivity":
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
-        start = sampled_ratio(above, below, from_Hz, *ends)
+        start = sampled_ratio(*_quotient(kind, loop), from_Hz, *ends)
     found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz))
     rounded = goal < found <= goal * (1 + 10 * _RELATIVE_STEP)
     return goal if rounded and keeps(kind, loop, exact(goal), ends, from_Hz) else found
