@@ -98,6 +98,9 @@ def _negative_at(a: fmpq, b: fmpq, c: fmpq, low: fmpq, high: fmpq) -> fmpq | Non
 
 def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> Iterator[tuple[fmpq, fmpq]]:
     """For each open cell between the dividers' roots, ascending: a rational just below its start, and one inside it."""
+    if x_low == x_high:
+        yield x_low, x_low
+        return
     dividers = [_without(divider, x_low, x_high) for divider in dividers]
     precision = 32  # mostly enough, and arb takes a third of the time it needs for 64
     while (roots := _inner_roots(dividers, x_low, x_high, precision)) is None:
@@ -138,7 +141,7 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
     if (negative := first_negative(slack, low, high)) is None:
         return inf
     # A little less, so that its square is not beyond that either where rounding eats nothing.
-    return nearest(shortened(frequency(negative.proved_to)[0] * (1 - fmpq(1, 10**30)), 7))
+    return nearest(shortened(frequency_of(negative.proved_to)[0] * (1 - fmpq(1, 10**30)), 7))
 
 
 def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
@@ -147,7 +150,7 @@ def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
         return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
 
 
-def frequency(squared_frequency: fmpq) -> tuple[fmpq, fmpq]:
+def frequency_of(squared_frequency: fmpq) -> tuple[fmpq, fmpq]:
     """Rationals at or just below, and at or just above, sqrt(x) / (2 pi), Hz; zero for what is not positive."""
     with ctx.workprec(128):
         return bounds(arb(max(squared_frequency, _ZERO)).sqrt() / (2 * arb.pi()))

@@ -19,7 +19,7 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span
 from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
-from beamdesign.proofs.quadratic import frequency
+from beamdesign.proofs.quadratic import frequency_of
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Record
@@ -249,7 +249,7 @@ def stability_table(stability: StabilityMap) -> Tables:
             entry: Tables = {"outer_end_mass_kg": texts(pair), "squared_frequency": "infinite"}
             if crossing.finite:
                 square = _decimals(*bounds(crossing.squared_frequency), STABILITY_DIGITS)
-                hertz = _decimals(frequency(square[0])[0], frequency(square[1])[1], STABILITY_DIGITS)
+                hertz = _decimals(frequency_of(square[0])[0], frequency_of(square[1])[1], STABILITY_DIGITS)
                 entry |= {"squared_frequency": texts(square), "frequency_Hz": texts(hertz)}
             crossings.append(entry)
     reach = _beyond(stability) if stability.stable else {}
