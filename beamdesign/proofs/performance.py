@@ -37,23 +37,16 @@ Closed = Loop | PlaneLoop
 """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
 
-class Magnitude(NamedTuple):
-    """Names of the polynomials of |above / below|, and its symbol."""
-
-    above: str
-    below: str
-    symbol: str
-
-
-MAGNITUDES: dict[Kind, Magnitude] = {
-    "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
-    "peak_compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
-    "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
-    "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
-    "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
-    "loop_gain": Magnitude("loop_numerator", "loop_denominator", "|L|"),
-    "controller_effort": Magnitude("effort_numerator", "characteristic", "|C S|"),
+MAGNITUDES: dict[Kind, tuple[str, str, str]] = {
+    "compliance": ("|x/F_d|", "disturbance", "characteristic"),
+    "peak_compliance": ("|x/F_d|", "disturbance", "characteristic"),
+    "tip_compliance": ("|x/F_d|", "tip", "characteristic"),
+    "load_compliance": ("|x/F_d|", "load", "characteristic"),
+    "peak_sensitivity": ("|1/(1+L)|", "loop_denominator", "characteristic"),
+    "loop_gain": ("|L|", "loop_numerator", "loop_denominator"),
+    "controller_effort": ("|C S|", "effort_numerator", "characteristic"),
 }
+"""The symbol of each, and the names of numerator and denominator."""
 
 
 def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
@@ -64,7 +57,7 @@ def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
 
 def _quotient(kind: Kind, loop: Closed) -> tuple[Affine, Affine]:
     """Numerator and denominator of a loop's magnitude."""
-    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][1:])
     return (Affine(above, _NONE) if isinstance(above, fmpq_poly) else above), below
 
 
@@ -110,7 +103,7 @@ def _exceeded(side: Side, asked: Asked, limit: fmpq) -> Unstable | None:
     found = first_negative(slack(asked.kind, side.loop, limit), side.low, side.high, start, until)
     if found is None:
         return None
-    frequency, symbol = sqrt(nearest(found.x)) / (2 * pi), MAGNITUDES[asked.kind].symbol
+    frequency, symbol = sqrt(nearest(found.x)) / (2 * pi), MAGNITUDES[asked.kind][0]
     reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(found.mass):.6g} kg"
     return Unstable(found.mass, True, frequency, reason, found.x)
 
