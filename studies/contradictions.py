@@ -23,6 +23,7 @@ from beamdesign.parameters import stated_or_typical
 from beamdesign.proofs.absolute_stability import METHOD as COMES_TO_REST
 from beamdesign.proofs.bounded_error import METHOD as STRAYS
 from beamdesign.proofs.certifying import nonlinear_rows
+from beamdesign.proofs.scope import members
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.rig_spread import rig_spread
@@ -61,7 +62,9 @@ def outcome(prototype: Prototype, number: int) -> Counter[str]:
     rig, payload, saturates = drawn(prototype, number)
     random, found = np.random.default_rng((6, number)), Counter[str]()
     low, high = max(payload - 0.2, 0.0), payload + 0.2
-    rows = [row for row in nonlinear_rows(rig, low, high) if row.method == (COMES_TO_REST if saturates else STRAYS)]
+    rows = [
+        row for row in nonlinear_rows(members(rig, low, high)) if row.method == (COMES_TO_REST if saturates else STRAYS)
+    ]
     if not rows or not rows[-1].proved:
         return Counter({"not proved": 1})
     found["proved"] += 1

@@ -23,6 +23,7 @@ from beamdesign.proofs.absolute_stability import METHOD, absolute_stability, sea
 from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, slack
 from beamdesign.proofs.multiplier_search import kernels
+from beamdesign.proofs.scope import members
 
 ROOT = Path(__file__).parent.parent
 MASSES = fmpq(0), fmpq(34, 5)
@@ -154,10 +155,10 @@ def test_a_conditionally_stable_loop_has_none(tame: Prototype):
 
 @pytest.mark.parametrize("flow", laws_of("valve_deadband"))
 def test_rows_tell_what_is_covered(tame: Prototype, flow: str):
-    (row,) = nonlinear_rows(tame, 0.0, 6.8)
+    (row,) = nonlinear_rows(members(tame, 0.0, 6.8))
     assert (row.effects, row.method, row.proved, row.bound_m) == (("current_saturation",), METHOD, True, None)
     rig = tame.but(effects={flow: {}, "current_saturation_soft": {}, "sensor_lag": {}})
-    rows = {row.effects: row.proved for row in nonlinear_rows(rig, 0.0, 6.8) if row.method == METHOD}
+    rows = {row.effects: row.proved for row in nonlinear_rows(members(rig, 0.0, 6.8)) if row.method == METHOD}
     both = ("current_saturation_soft", flow)
     assert rows == {both[:1]: True, both[1:]: True, both: False}
 

@@ -102,7 +102,7 @@ def test_every_place_is_where_the_stated_rig_has_it(worn: Prototype, written: st
 
 
 def test_bounds_are_stated_for_each_and_for_all(worn: Prototype):
-    rows = [row for row in nonlinear_rows(worn, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    rows = [row for row in nonlinear_rows(members(worn, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     *each, together = rows
     assert {row.effects[0] for row in each} == set(worn.effects)
     assert all(row.proved and row.bound_m is not None and 1e-6 < row.bound_m < 1e-3 for row in each)
@@ -113,7 +113,7 @@ def test_bounds_are_stated_for_each_and_for_all(worn: Prototype):
 
 def test_the_resolution_of_the_sensor_is_an_error(tame: Prototype):
     rig = tame.but(sensor=tame.sensor.but(resolution_m=1e-6))
-    (row,) = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    (row,) = [row for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert row.effects == (bounded_error.RESOLUTION,)
     assert row.bound_m is not None
     assert 1e-6 < row.bound_m < 5e-6
@@ -154,7 +154,7 @@ def test_an_altered_statement_of_errors_is_refused(written: str, key: str, value
 def test_a_gain_that_changes_is_proved_up_to_some_depth(tame: Prototype):
     """And told no wider: 0.9875 was told of a depth of 0.0124567, which is below its lower end."""
     for depth in (0.0124567, 0.2):
-        rows = nonlinear_rows(tame.but(effects={"carrier_ripple": {"depth": depth}}), 0.0, 6.8)
+        rows = nonlinear_rows(members(tame.but(effects={"carrier_ripple": {"depth": depth}}), 0.0, 6.8))
         (row,) = (row for row in rows if row.method == changing_gain.METHOD)
         least, most = map(float, re.findall(r"between (\S+) and (\S+) times its own", row.covers)[0])
         assert row.proved
@@ -245,7 +245,7 @@ def test_a_ripple_of_one_sensor_beside_another_is_none_of_the_whole_loop():
 def test_a_ripple_beside_a_friction_that_is_heard_proves_nothing_by_itself():
     """Where the controller hears the friction there is no error left that a ripple would make larger."""
     rig = read_prototype(ROOT / "studies/prototypes/compliant.toml")
-    rows = nonlinear_rows(rig.but(effects={"seal_friction": {}, "carrier_ripple": {}}), 0.0, 1.0)
+    rows = nonlinear_rows(members(rig.but(effects={"seal_friction": {}, "carrier_ripple": {}}), 0.0, 1.0))
     assert [(row.effects, row.proved) for row in rows if row.method == bounded_error.METHOD] == [
         (("seal_friction",), False)
     ]
@@ -268,7 +268,7 @@ def test_friction_that_slides_draws_at_the_rod(tame: Prototype, effect: str):
 
 def test_what_no_theorem_covers_is_listed(tame: Prototype):
     effects: dict[str, dict[str, float]] = {"entrained_air": {}, "joint_backlash": {}, "sensor_lag": {}}
-    rows = {row.effects: row for row in nonlinear_rows(tame.but(effects=effects), 0.0, 6.8)}
+    rows = {row.effects: row for row in nonlinear_rows(members(tame.but(effects=effects), 0.0, 6.8))}
     assert rows["sensor_lag",].method == scope.LINEAR
     assert rows["sensor_lag",].proved
     for name in ("entrained_air", "joint_backlash"):
@@ -307,14 +307,14 @@ def test_errors_while_a_gain_ripples_are_those_over_what_it_leaves_of_1_m(tame: 
 
 def test_a_ripple_that_makes_more_than_a_metre_of_one_has_no_bound_with_errors(tame: Prototype):
     rig = tame.but(effects={"carrier_ripple": RIPPLING | {"depth": 0.5}})
-    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    rows = [row for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert [(row.proved, row.bound_m is None) for row in rows] == [(True, False), (False, True)]
     assert "over 1 - " in rows[1].covers
 
 
 def test_friction_is_refused_where_pressures_are_heard():
     rig = read_prototype(ROOT / "studies/prototypes/compliant.toml").but(effects={"seal_friction": {}})
-    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    rows = [row for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert [row.proved for row in rows] == [False]
     assert rows[0].bound_m is None
 
@@ -333,7 +333,7 @@ def test_a_screw_that_rings_fast_and_long_leaves_its_certificate_valid():
 
 def test_an_unstable_loop_has_no_bound(worn: Prototype):
     rig = worn.but(controller=Lag(gain_A_per_V=0.5, pole_Hz=1.7, zero_Hz=20.0))
-    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    rows = [row for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert rows
     assert not any(row.proved for row in rows)
 
@@ -350,7 +350,7 @@ def test_the_moving_rig_strays_by_less(tame: Prototype, name: str):
     rig = tame.but(effects={name: {}})
     linear, moving = (simulate(one, scenario).records[0].column("displacement_m") for one in (tame, rig))
     strayed = abs(moving - linear).max()
-    (bound,) = [row.bound_m for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    (bound,) = [row.bound_m for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert bound is not None
     assert 0.02 * bound < strayed <= bound
 
@@ -365,6 +365,6 @@ def test_drawn_rigs_contradict_nothing(tame: Prototype, number: int):
 
 def test_a_sensor_that_rides_has_no_bound(tame: Prototype):
     rig = tame.but(effects={"mount_compliance": {"sensor_share": 1.0}, "valve_hysteresis": {}})
-    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    rows = [row for row in nonlinear_rows(members(rig, 2.0, 3.0)) if row.method == bounded_error.METHOD]
     assert [row.proved for row in rows] == [False]
     assert check(certify(rig, 2.0, 3.0, nonlinear=True).text).valid

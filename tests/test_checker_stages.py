@@ -26,6 +26,7 @@ from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
 from beamdesign.proofs import lmi
 from beamdesign.proofs.courses import any_change, stage_change
+from beamdesign.proofs.decrease import Sought
 from beamdesign.proofs.lmi import Answer, Course
 from beamdesign.proofs.lyapunov import Switching, stages_certificate, switching
 from beamdesign.proofs.mass_family import Cycle, Families, Frozen, floats, frozen, stage_families
@@ -67,21 +68,20 @@ def dwelling(prototype: Prototype) -> Switching:
     """Changes of stage that are kept apart, as where no common function is found."""
 
     def nothing(*asked: object) -> Answer:
-        return Answer("none", "none", False, (), None)
+        return Answer("none", "none")
 
     families = stage_families(prototype)
-    low, high = fmpq(2), fmpq(3)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lmi, "solve", nothing)
-        stages, _ = stage_change(families, low, high)
+        stages, _ = stage_change(Sought(families, fmpq(2), fmpq(3)))
     assert stages.kind == "dwell"
     return _with(families, (2.0, 3.0), stages=stages)
 
 
 def _with(families: Families, masses: tuple[float, float], **parts: Any) -> Switching:
     low, high = map(exact, masses)
-    common, _ = any_change(families, low, high)
-    parts = {"stages": stage_change(families[:1], low, high)[0], "any_change": common} | parts
+    common, _ = any_change(Sought(families, low, high))
+    parts = {"stages": stage_change(Sought(families[:1], low, high))[0], "any_change": common} | parts
     stays = frozen(families, low, high)
     return Switching(masses, stays, rates=(), sudden=(), wanted_kg_per_s=None, dwell_s=0.0, families=families, **parts)
 

@@ -1,7 +1,6 @@
 """Payload that changes in motion: textbook switched systems, the paper's rig, a solver that is wrong."""
 
 from dataclasses import replace
-from functools import partial
 from math import exp, inf, log, pi, sqrt
 
 import numpy as np
@@ -21,6 +20,7 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proofs import courses, lmi
 from beamdesign.proofs.courses import any_change, bounded_rate, sudden_change
 from beamdesign.proofs.decrease import (
+    Sought,
     changes_of_payload,
     decrease,
     dwell_suffices,
@@ -28,10 +28,9 @@ from beamdesign.proofs.decrease import (
     jump,
     not_falling,
 )
-from beamdesign.proofs.lmi import SOLVERS, Answer, Course, Sought, checked, solve
-from beamdesign.proofs.lyapunov import Switching, describe, switching
+from beamdesign.proofs.lmi import SOLVERS, Answer, Course, checked, solve
+from beamdesign.proofs.lyapunov import JOININGS, Switching, describe, switching
 from beamdesign.proofs.mass_family import (
-    Families,
     MassFamily,
     at,
     close_with,
@@ -104,7 +103,7 @@ def test_two_stable_matrices_that_switching_destabilises():
     product = expm(np.array(second) * quarter) @ expm(np.array(first) * quarter)
     assert np.abs(np.linalg.eigvals(product)).max() == pytest.approx(growth, rel=1e-9)
 
-    answer, _ = any_change((family,), fmpq(0), fmpq(1))
+    answer, _ = any_change(Sought((family,), fmpq(0), fmpq(1)))
     assert answer.status == "refuted"
     assert answer.counterexample is not None
     assert answer.counterexample.proved
@@ -130,7 +129,7 @@ def test_threshold_of_a_common_quadratic_function(a: str, exists: bool):
     eigenvalues = np.concatenate([np.linalg.eigvals(p) for p in products])
     assert (not np.any((np.abs(eigenvalues.imag) < 1e-12) & (eigenvalues.real < 0))) is exists
 
-    answer, _ = any_change((_between(first.tolist(), second.tolist()),), fmpq(0), fmpq(1))
+    answer, _ = any_change(Sought((_between(first.tolist(), second.tolist()),), fmpq(0), fmpq(1)))
     assert (answer.status == "proved") is exists
     if not exists:
         assert answer.status in ("undecided", "unverified")
@@ -149,11 +148,11 @@ def test_commuting_stable_matrices_have_a_common_function():
     family = _between(first.tolist(), second.tolist())
     p1 = solve_continuous_lyapunov(floats(first).T, -np.eye(3))
     p2 = solve_continuous_lyapunov(floats(second).T, -p1)
-    assert not_falling([family], [rationals(p2)], fmpq(0), fmpq(1), fmpq(0), "matched") == ""
-    answer, _ = any_change((family,), fmpq(0), fmpq(1))
+    assert not_falling(Sought([family], fmpq(0), fmpq(1)), [rationals(p2)]) == ""
+    answer, _ = any_change(Sought((family,), fmpq(0), fmpq(1)))
     assert answer.status == "proved"
     assert answer.functions
-    assert not_falling([family], answer.coefficients, fmpq(0), fmpq(1), fmpq(0), "matched") == ""
+    assert not_falling(Sought([family], fmpq(0), fmpq(1)), answer.coefficients) == ""
 
 
 # The equations.
@@ -189,7 +188,7 @@ def test_controller_of_third_order(firm):
     for mass in (LOW, HIGH):
         whole = plant.denominator.at(mass) * law.denominator + plant.control[0].constant * numerator
         assert family.at(mass).charpoly() == whole / whole[whole.degree()]
-    answer, _ = any_change((family,), LOW, fmpq(1))
+    answer, _ = any_change(Sought((family,), LOW, fmpq(1)))
     assert answer.status == "proved"
     with pytest.raises(ValueError, match="differentiates"):
         close_with(rig, inner, SensedLaw(("displacement_m",), (fmpq_poly([1, 1]),), fmpq_poly([1])))
@@ -337,13 +336,13 @@ def test_pick_up_from_rest_needs_its_own_bound(firm):
     # A sudden loss of velocity is not harmless in itself: the common V does not bound it, a factor does.
     found = _firm(firm)
     function = [found.any_change.coefficients[0]]
-    jumps = partial(changes_of_payload, found.families[0], low=LOW, high=HIGH)
-    assert grows_beyond(jumps(function, joining="matched"), fmpq(1001, 1000)) == ""
-    assert grows_beyond(jumps(function, joining="from_rest"), fmpq(1001, 1000))
+    matched, from_rest = (Sought(found.families, LOW, HIGH, joining=joining) for joining in JOININGS)
+    assert grows_beyond(changes_of_payload(matched, function), fmpq(1001, 1000)) == ""
+    assert grows_beyond(changes_of_payload(from_rest, function), fmpq(1001, 1000))
     sudden = found.sudden[1]
     assert sudden.joining == "from_rest"
     assert sudden.status == "proved"
-    assert grows_beyond(jumps(sudden.coefficients, joining="from_rest"), sudden.factor) == ""
+    assert grows_beyond(changes_of_payload(from_rest, sudden.coefficients), sudden.factor) == ""
     assert float(sudden.dwell_s) == pytest.approx(log(float(sudden.factor)) / (2 * float(sudden.decay_per_s)), rel=1e-2)
     assert dwell_suffices(sudden.dwell_s, sudden.factor, sudden.decay_per_s)
     assert not dwell_suffices(sudden.dwell_s / 2, sudden.factor, sudden.decay_per_s)
@@ -373,9 +372,9 @@ def test_rig_refuted_for_any_change_yet_proved_at_a_rate(loose):
     assert [rate.rate_kg_per_s for rate in found.rates] == [LOOSE_RATE, LOOSE_RATE]
     assert found.stable
     for rate in found.rates:
-        checked = partial(not_falling, found.families, rate.coefficients, LOW, HIGH)
-        assert checked(exact(LOOSE_RATE), rate.joining) == ""
-        assert checked(exact(1e6), rate.joining)
+        asked = Sought(found.families, LOW, HIGH, 1, exact(LOOSE_RATE), rate.joining)
+        assert not_falling(asked, rate.coefficients) == ""
+        assert not_falling(replace(asked, rate=exact(1e6)), rate.coefficients)
     # Each sudden change restarts the wait; the cycle that grows changes much more often than is proved to be safe.
     cycle = found.any_change.counterexample
     assert all(float(sudden.dwell_s) > sum(cycle.time_s) / 2 for sudden in found.sudden)
@@ -415,10 +414,11 @@ def test_mass_that_swings_at_the_proved_rate_decays(loose, from_rest: bool):
 
 def test_largest_rate_is_found_between_one_proved_and_one_not(loose):
     family = stage_families(loose)[0]
-    found = bounded_rate([family], LOW, fmpq(5), "matched", modal_coordinates(at(family, fmpq(2))))
+    asked = Sought([family], LOW, fmpq(5))
+    found = bounded_rate(asked, modal_coordinates(at(family, fmpq(2))))
     assert found.status == "proved"
     assert found.rate_kg_per_s < found.refused_kg_per_s < 1.06 * found.rate_kg_per_s
-    assert not_falling([family], found.coefficients, LOW, fmpq(5), exact(found.rate_kg_per_s), "matched") == ""
+    assert not_falling(replace(asked, rate=exact(found.rate_kg_per_s)), found.coefficients) == ""
 
 
 def test_unstable_at_a_mass_that_stays_is_refuted(remedy):
@@ -440,16 +440,16 @@ def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver, monk
     # Below 1.968 kg this loop is unstable, so no P exists. In SI units, in which entries of A span from 1e-4 to 1e14,
     # a solver's tolerances hide that: SCS 3.2 answers "optimal" with a positive margin. What counts is the exact check.
     family = stage_families(remedy)[0]
-    answer = solve([family], Sought(LOW, HIGH), np.eye(family.order), solver)
-    for coefficient in answer.coefficients:
-        assert checked([family], Sought(LOW, HIGH), [coefficient])[1]
-        assert not_falling([family], [rationals(coefficient)], LOW, HIGH, fmpq(1), "matched")
+    asked = Sought([family], LOW, HIGH)
+    for function in solve(asked, np.eye(family.order), solver).functions:
+        assert checked(asked, function)[1]
+        assert not_falling(replace(asked, rate=fmpq(1)), [*map(rationals, function)])
 
-    def in_si(families: Families, sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
-        return solve(families, sought, np.eye(family.order), name)
+    def in_si(sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
+        return solve(sought, np.eye(family.order), name)
 
     monkeypatch.setattr(lmi, "solve", in_si)
-    verdict, _ = any_change((family,), LOW, HIGH)
+    verdict, _ = any_change(asked)
     assert verdict.status != "proved"
     assert verdict.proved_up_to_kg is None
 
@@ -471,15 +471,15 @@ def test_textbook_inequality_relaxed_to_tolerance_is_refused(remedy):
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         problem.solve(solver="SCS", max_iters=20_000)
     # SCS 3.2 says "optimal_inaccurate" (after more steps "optimal"); a better solver "infeasible", and returns nothing.
-    assert p.value is None or checked([family], Sought(LOW, HIGH), [p.value])[1]
+    assert p.value is None or checked(Sought([family], LOW, HIGH), [p.value])[1]
     assert not frozen([family], LOW, HIGH).stable
 
 
 def _liar(matrix: np.ndarray):
     """A solver that calls any matrix optimal."""
 
-    def claim(families: Families, sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
-        return Answer(solver, "optimal", True, (matrix,) * (sought.degree + 1), coordinates)
+    def claim(sought: Sought, coordinates: np.ndarray, solver: str | int) -> Answer:
+        return Answer(str(solver), "optimal", True, ((matrix,) * (sought.degree + 1),), coordinates)
 
     return claim
 
@@ -487,7 +487,7 @@ def _liar(matrix: np.ndarray):
 def test_doctored_answers_are_reported_as_unverified(monkeypatch: pytest.MonkeyPatch):
     def under_any_change(matrix: np.ndarray) -> Course:
         monkeypatch.setattr(lmi, "solve", _liar(matrix))
-        return any_change((family,), fmpq(0), fmpq(1))[0]
+        return any_change(Sought((family,), fmpq(0), fmpq(1)))[0]
 
     # The pair of Dayawansa and Martin at a = 6 has no common quadratic function, and no change destabilises it.
     family = _between([[-1, -1], [1, -1]], [[-1, -6], [fmpq(1, 6), -1]])
@@ -498,11 +498,11 @@ def test_doctored_answers_are_reported_as_unverified(monkeypatch: pytest.MonkeyP
         assert "optimal" in verdict.reason
         assert "exact check refuses" in verdict.reason
     monkeypatch.setattr(lmi, "solve", _liar(-np.eye(2)))
-    rate = bounded_rate([family], fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10))
+    rate = bounded_rate(Sought([family], fmpq(0), fmpq(1)), np.eye(2), fmpq(10))
     assert rate.status == "unverified"
     assert rate.coefficients == ()
-    monkeypatch.setattr(courses, "solve_one_each", lambda *asked: [_liar(-np.eye(2))(*asked[:3], "CLARABEL")])
-    sudden = sudden_change([family], fmpq(0), fmpq(1), "matched", np.eye(2))
+    monkeypatch.setattr(courses, "solve_one_each", _liar(-np.eye(2)))
+    sudden = sudden_change(Sought([family], fmpq(0), fmpq(1)), np.eye(2))
     assert sudden.status == "unverified"
     assert sudden.dwell_s is None
 

@@ -39,7 +39,7 @@ from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Asked, Certificate
 from beamdesign.proofs.performance import prove
-from beamdesign.proofs.rectangle import Rectangle, unstable_inside
+from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
@@ -305,12 +305,12 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
     side = poly([4, 1, 1])
     for e, island in ((fmpq(1, 25), True), (fmpq(-1, 25), False), (fmpq(-1, 10**6), False)):
         denominator, numerator = Affine(poly([e - 1, 1, 1, 1]), side), Affine(side, poly([2]))
-        found = unstable_inside(denominator, numerator, ends, ends)
+        within = Rectangle(Loop(denominator, numerator, poly([1])), *ends, *ends)
+        found = within.inside()
         families = [denominator + numerator * end for end in ends]
         families += [Affine(denominator.at(end), numerator.at(end)) for end in ends]
         assert all(is_stable_over(family, *ends) for family in families)
         assert (found is not None) is island
-        within = Rectangle(Loop(denominator, numerator, poly([1])), *ends, *ends)
         assert LoopSet([within], [within], inf).unstable(Goal(lower_gains=False)) is island
         pairs = ((one.constant, one.slope) for one in (denominator, numerator))
         assert stable_on_rectangle(*pairs, ends, ends) is not island

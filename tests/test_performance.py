@@ -18,7 +18,7 @@ from beamdesign.polynomial import Affine, exact, nearest
 from beamdesign.proofs.certificate import Asked, Claim, Kind
 from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import least_limit, prove
-from beamdesign.proofs.quadratic import frequency_below, quadratic_nonnegative, squared_frequency
+from beamdesign.proofs.quadratic import first_negative, frequency_of, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, shifted
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 
@@ -234,9 +234,9 @@ def test_frequencies_are_rounded_to_the_safe_side(frequency):
     below, above = squared_frequency(exact(frequency))
     assert below <= above
     assert nearest(above) == pytest.approx((2 * pi * frequency) ** 2, rel=1e-14)
-    assert frequency_below(above) <= exact(frequency) * (1 + fmpq(1, 10**30))
-    assert squared_frequency(frequency_below(above))[1] <= above * (1 + fmpq(1, 10**30))
-    assert frequency_below(fmpq(0)) == 0
+    assert frequency_of(above)[0] <= exact(frequency) * (1 + fmpq(1, 10**30))
+    assert squared_frequency(frequency_of(above)[0])[1] <= above * (1 + fmpq(1, 10**30))
+    assert frequency_of(fmpq(0)) == (0, 0)
 
 
 def test_shifting_moves_every_root():
@@ -259,50 +259,50 @@ def test_a_dip_between_all_grid_points_is_found():
     """(m - 1/3)^2 + (x - 2/7)^2 - 1e-12: negative in a disc of a millionth, with both ends of the range positive."""
     a, b = q(1), q(-1) * fmpq(2, 3)
     c = fmpq_poly([fmpq(1, 9) + fmpq(4, 49) - fmpq(1, 10**12), -fmpq(4, 7), 1])
-    found = quadratic_nonnegative(a, b, c, ZERO, ONE, ZERO, ONE)
-    assert not found.holds
-    mass, x = found.witness
+    found = first_negative((a, b, c), ZERO, ONE, ZERO, ONE)
+    assert found is not None
+    mass, x, _ = found
     assert (a(x) * mass + b(x)) * mass + c(x) < 0
-    assert found.holds_to < x
-    assert quadratic_nonnegative(a, b, c, ZERO, ONE, ZERO, found.holds_to).holds
-    assert quadratic_nonnegative(a, b, c + fmpq(2, 10**12), ZERO, ONE, ZERO, ONE).holds
+    assert found.proved_to < x
+    assert first_negative((a, b, c), ZERO, ONE, ZERO, found.proved_to) is None
+    assert first_negative((a, b, c + fmpq(2, 10**12)), ZERO, ONE, ZERO, ONE) is None
 
 
 def test_a_touch_is_no_violation():
     """(m - x)^2 and (m - 1/3)^2 + (x - 1/2)^2 reach zero but not below."""
-    assert quadratic_nonnegative(q(1), q(0, -2), q(0, 0, 1), ZERO, ONE, ZERO, None).holds
+    assert first_negative((q(1), q(0, -2), q(0, 0, 1)), ZERO, ONE) is None
     c = fmpq_poly([fmpq(1, 9) + fmpq(1, 4), -1, 1])
-    assert quadratic_nonnegative(q(1), -q(1) * fmpq(2, 3), c, ZERO, ONE, ZERO, None).holds
+    assert first_negative((q(1), -q(1) * fmpq(2, 3), c), ZERO, ONE) is None
 
 
 def test_a_root_that_stays_on_an_end_of_the_range():
     """m (1 - m) is zero at both ends for every x; m (m - 1) as well, but below zero between."""
-    assert quadratic_nonnegative(q(-1), q(1), q(0), ZERO, ONE, ZERO, None).holds
-    found = quadratic_nonnegative(q(1), q(-1), q(0), ZERO, ONE, ZERO, None)
-    assert found.witness[0] == fmpq(1, 2)
+    assert first_negative((q(-1), q(1), q(0)), ZERO, ONE) is None
+    found = first_negative((q(1), q(-1), q(0)), ZERO, ONE)
+    assert found.mass == fmpq(1, 2)
     # m (m x - m + 1 ... ) with a slope at the end that changes sign: m (x - 1 + m) fails only for x < 1.
-    found = quadratic_nonnegative(q(1), q(-1, 1), q(0), ZERO, ONE, ZERO, None)
-    assert not found.holds
-    assert quadratic_nonnegative(q(1), q(-1, 1), q(0), ZERO, ONE, ONE, None).holds
+    found = first_negative((q(1), q(-1, 1), q(0)), ZERO, ONE)
+    assert found is not None
+    assert first_negative((q(1), q(-1, 1), q(0)), ZERO, ONE, ONE) is None
 
 
 def test_a_root_next_to_a_double_one_at_the_end_is_not_taken_for_it():
     beside = 1 + fmpq(1, 10**25)
-    found = quadratic_nonnegative(q(0), q(0), q(-1, 1) ** 2 * q(-beside, 1), ZERO, ZERO, ONE, None)
-    assert not found.holds
-    assert ONE < found.witness[1] < beside
+    found = first_negative((q(0), q(0), q(-1, 1) ** 2 * q(-beside, 1)), ZERO, ZERO, ONE)
+    assert found is not None
+    assert ONE < found.x < beside
 
 
 def test_a_curvature_that_vanishes_sends_no_root_through_the_range():
     """x m^2 + (x - 2) m + 3: at x = 0 a root comes in from infinity."""
-    assert quadratic_nonnegative(q(0, 1), q(-2, 1), q(3), ZERO, ONE, ZERO, fmpq(4)).holds
+    assert first_negative((q(0, 1), q(-2, 1), q(3)), ZERO, ONE, ZERO, fmpq(4)) is None
 
 
 def test_a_single_mass_and_a_single_frequency():
-    assert quadratic_nonnegative(q(1), q(0), q(0, -1), fmpq(2), fmpq(2), ZERO, fmpq(4)).holds
-    assert not quadratic_nonnegative(q(1), q(0), q(0, -1), fmpq(2), fmpq(2), ZERO, fmpq(5)).holds
-    assert quadratic_nonnegative(q(1), q(0), q(0, -1), ONE, fmpq(2), ONE, ONE).holds
-    assert not quadratic_nonnegative(q(1), q(0), q(0, -1), ZERO, fmpq(2), ONE, ONE).holds
+    assert first_negative((q(1), q(0), q(0, -1)), fmpq(2), fmpq(2), ZERO, fmpq(4)) is None
+    assert first_negative((q(1), q(0), q(0, -1)), fmpq(2), fmpq(2), ZERO, fmpq(5)) is not None
+    assert first_negative((q(1), q(0), q(0, -1)), ONE, fmpq(2), ONE, ONE) is None
+    assert first_negative((q(1), q(0), q(0, -1)), ZERO, fmpq(2), ONE, ONE) is not None
 
 
 small = st.lists(st.integers(-3, 3), min_size=1, max_size=4).map(fmpq_poly)
@@ -314,21 +314,21 @@ def test_verdicts_agree_with_the_replay_and_with_samples(a, b, c, low, width, un
     if square:  # often nonnegative, and then with touches
         a, b, c = a * a, 2 * a * b, b * b + (c if c.degree() == 0 else 0)
     ends, x_high = (fmpq(low), fmpq(low + width)), None if until is None else fmpq(until)
-    found = quadratic_nonnegative(a, b, c, *ends, ZERO, x_high)
+    found = first_negative((a, b, c), *ends, ZERO, x_high)
 
     def value(mass: fmpq, x: fmpq) -> fmpq:
         return (a(x) * mass + b(x)) * mass + c(x)
 
     independent = Slack.__new__(Slack)
     independent.coefficients = (a, b, c)
-    assert independent.nonnegative(*ends, x_high) == found.holds
-    if found.holds:
+    assert independent.nonnegative(*ends, x_high) == (found is None)
+    if found is None:
         masses = [ends[0] + fmpq(width * k, 7) for k in range(8)]
         assert all(value(mass, fmpq(k, 5) * (until or 9)) >= 0 for mass in masses for k in range(6))
     else:
-        mass, x = found.witness
+        mass, x, _ = found
         assert value(mass, x) < 0
         assert ends[0] <= mass <= ends[1]
         assert x >= 0
         assert x_high is None or x <= x_high
-        assert sqrt(nearest(found.holds_to)) <= sqrt(nearest(x))
+        assert sqrt(nearest(found.proved_to)) <= sqrt(nearest(x))

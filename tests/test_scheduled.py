@@ -52,7 +52,7 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model, served
 from beamdesign.polynomial import exact
 from beamdesign.proofs.courses import stage_change
-from beamdesign.proofs.decrease import changes_of_stage, dwell_suffices, grows_beyond, not_falling
+from beamdesign.proofs.decrease import Sought, changes_of_stage, dwell_suffices, grows_beyond, not_falling
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, stage_families, stage_family
 from beamdesign.prototype import Arm, Goal, Payload
@@ -274,7 +274,8 @@ Liberzon (2003), Switching in Systems and Control, chapter 2, discuss the like."
 
 
 def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dwell_alone() -> None:
-    found, _ = stage_change(switched(*BRANICKY), fmpq(0), fmpq(1))
+    asked = Sought(switched(*BRANICKY), fmpq(0), fmpq(1))
+    found, _ = stage_change(asked)
     assert found.kind == "dwell"
     assert found.counterexample is not None
     assert found.counterexample.cycles > 0
@@ -289,15 +290,14 @@ def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dw
     for spent in (dwell, 1.3 * dwell, 2.1 * dwell):
         assert max(abs(np.linalg.eigvals(expm(two * spent) @ expm(one * dwell)))) < 1
     # A shorter dwell, or half of the growth, is not what the functions prove.
-    changes = changes_of_stage(found.functions, fmpq(0), fmpq(1))
+    changes = changes_of_stage(asked, found.functions)
     assert grows_beyond(changes, found.factor) == ""
     assert grows_beyond(changes, found.factor / 2)
     assert dwell_suffices(found.dwell_s, found.factor, found.decay_per_s)
     assert not dwell_suffices(found.dwell_s / 2, found.factor, found.decay_per_s)
     for faster, falls in ((1, True), (4, False)):
-        each = zip(switched(*BRANICKY), found.functions, strict=True)
-        asked = fmpq(0), fmpq(1), fmpq(0), "matched", faster * found.decay_per_s
-        assert (not any(not_falling([family], function, *asked) for family, function in each)) is falls
+        each = [replace(asked, families=[one], decay=faster * found.decay_per_s) for one in asked.families]
+        assert (not any(map(not_falling, each, found.functions))) is falls
 
 
 def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: Prototype, proved: Switching) -> None:
@@ -333,7 +333,8 @@ def test_the_shipped_stages_are_stable_whichever_acts_when(rig: Prototype, prove
     assert proved.any_change.status == "refuted"
     assert proved.any_change.proved_up_to_kg > 3.5
     families = stage_families(rig)
-    assert not_falling(families, proved.stages.functions[0], LOW, HIGH, fmpq(0), "matched") == ""
+    asked = Sought(families, LOW, HIGH)
+    assert not_falling(asked, proved.stages.functions[0]) == ""
     # V falls along every stage in floats too, at payloads the exact check did not name.
     for mass in (0.7, 3.3, 6.1):
         p = sum(np.array(c.table(), dtype=float) * mass**k for k, c in enumerate(proved.stages.functions[0]))
@@ -345,7 +346,7 @@ def test_the_shipped_stages_are_stable_whichever_acts_when(rig: Prototype, prove
     # One entry off by a thousandth is refused.
     spoilt = fmpq_mat(proved.stages.functions[0][0])
     spoilt[0, 0] *= fmpq(999, 1000)
-    assert not_falling(families, (spoilt, *proved.stages.functions[0][1:]), LOW, HIGH, fmpq(0), "matched")
+    assert not_falling(asked, (spoilt, *proved.stages.functions[0][1:]))
 
 
 @pytest.mark.parametrize("sections", [0, 2])

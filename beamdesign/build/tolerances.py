@@ -6,11 +6,11 @@ from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import common_ranges, rectangles
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
+from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import decimal
@@ -98,10 +98,8 @@ def performance_of_all(stages: Iterable[InStage]) -> Performance:
     """The worst with each law over its own payloads: of what `certify` proves these figures alone."""
     found = []
     for stage in stages:
-        (low_kg, high_kg), goal = stage.outer_end_mass_kg, stage.prototype.goal
-        ends = exact(low_kg), exact(high_kg)
-        proved = rectangles(stage.prototype, family(stage.prototype, high_kg), *ends)
-        if not common_ranges([part.stable for part in proved], *ends).stable:
+        goal, proved = stage.prototype.goal, rectangles(members(stage.prototype, *stage.outer_end_mass_kg))
+        if not common_ranges(proved).stable:
             return None, None
         performing = [part.performing for part in proved if part.performing is not None]
         peak = least_limit(performing, "peak_sensitivity", goal=goal.peak_sensitivity)

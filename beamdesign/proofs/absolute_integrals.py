@@ -90,13 +90,11 @@ def absolute_integrals(
 
 def _exponentials(numerators: Sequence[fmpq_poly], denominator: fmpq_poly) -> tuple[list[acb], list[list[acb]]]:
     """Poles, those below the axis left out, and the residues of each response there, doubled for what is left out."""
-    slope, poles = denominator.derivative(), []
+    slope = denominator.derivative()
     found: list[tuple[acb, int]] = denominator.numer().complex_roots()  # type: ignore[assignment]
-    for root, count in found:
-        if count > 1 or not root.real < 0:
-            raise ArithmeticError("the loop is not stable, or has poles in the same place")
-        if root.imag == 0 or root.imag > 0:
-            poles.append(root)
+    if any(count > 1 or not root.real < 0 for root, count in found):
+        raise ArithmeticError("the loop is not stable, or has poles in the same place")
+    poles = [root for root, _ in found if root.imag == 0 or root.imag > 0]
     below = [acb_poly(slope)(pole) / (1 if pole.imag == 0 else 2) for pole in poles]
     return poles, [[acb_poly(one)(p) / under for p, under in zip(poles, below, strict=True)] for one in numerators]
 
@@ -170,23 +168,15 @@ def over_masses(
     pieces = max(1, ceil(nearest(max(ends) * (high - low) / 2) / _RAISED))
     cells.suffice_for(pieces * (len(numerators) + 1) * (before - cells.left) // len(ends))
     while pieces <= MOST_PIECES:
-        found = _with_pieces(numerators, closed, low, high, pieces, cells)
-        if found is not None:
-            return found, pieces
+        reach = (high - low) / (2 * pieces)
+        worst = [fmpq(0) for _ in numerators]
+        for k in range(pieces):
+            *own, share = absolute_integrals([*numerators, closed.slope], closed.at(low + (2 * k + 1) * reach), cells)
+            left = 1 - reach * share
+            if left < 1 - 2 * fmpq(*_RAISED.as_integer_ratio()):
+                break  # the piece is too long
+            worst = [max(before, one / left) for before, one in zip(worst, own, strict=True)]
+        else:
+            return worst, pieces
         pieces *= 2
     raise ArithmeticError("the response varies too much with the mass to be bounded")
-
-
-def _with_pieces(
-    numerators: Sequence[fmpq_poly], closed: Affine, low: fmpq, high: fmpq, pieces: int, cells: Cells
-) -> list[fmpq] | None:
-    """The bounds over equal pieces of the range; None where a piece is too long."""
-    reach = (high - low) / (2 * pieces)
-    worst = [fmpq(0) for _ in numerators]
-    for k in range(pieces):
-        *own, share = absolute_integrals([*numerators, closed.slope], closed.at(low + (2 * k + 1) * reach), cells)
-        left = 1 - reach * share
-        if left < 1 - 2 * fmpq(*_RAISED.as_integer_ratio()):
-            return None
-        worst = [max(before, one / left) for before, one in zip(worst, own, strict=True)]
-    return worst

@@ -100,7 +100,9 @@ def open_loop(system: Any) -> OpenLoop:
     if isinstance(system, control.TransferFunction):
         above, below = (fmpq_poly([number(c) for c in reversed(part[0][0])]) for part in (system.num, system.den))
     else:
-        (above,), below = transfer(*(_matrix(part) for part in (system.A, system.B, system.C, system.D)))
+        parts = (system.A, system.B, system.C, system.D)
+        exactly = (fmpq_mat(len(part), part.shape[1], [*map(number, part.ravel())]) for part in parts)
+        (above,), below = transfer(*exactly)
     period_s = period(system.dt)
     n = order(above.degree(), below.degree())
     if period_s is not None:
@@ -159,11 +161,6 @@ def number(value: Any) -> fmpq:
 def refused(reason: str) -> InputError:
     """A loop that cannot be looked at."""
     return InputError("loop", [("loop", reason)])
-
-
-def _matrix(values: Any) -> fmpq_mat:
-    rows, columns = values.shape
-    return fmpq_mat(rows, columns, [number(value) for value in values.ravel()])
 
 
 # What is proved of it.

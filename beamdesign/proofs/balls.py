@@ -60,9 +60,13 @@ class Balls:
         radius = None if self.radius is None else np.repeat(self.radius.max(axis=1, keepdims=True), 2, axis=1)
         return Balls(ends, radius)
 
+    def arranged(self, anew: Callable[[np.ndarray], np.ndarray]) -> "Balls":
+        """The same points with middles and radii in another order or shape, or some of them."""
+        return Balls(anew(self.middle), None if self.radius is None else anew(self.radius))
+
     def shaped(self, shape: Sequence[int]) -> "Balls":
         """The same in another shape."""
-        return Balls(self.middle.reshape(shape), None if self.radius is None else self.radius.reshape(shape))
+        return self.arranged(lambda part: part.reshape(shape))
 
     def inverted(self) -> "Balls":
         """Points (F, V (V + 1) / 2) whose hull holds 1 / f wherever that of the points a of f does f.
@@ -96,12 +100,7 @@ class Balls:
 
     def with_those(self, which: Any, others: Any) -> "Balls":
         """The points (P, 2 V) of some frames and of some others."""
-        middle, radius = (
-            None if part is None else np.concatenate([part[which], part[others]], axis=1)
-            for part in (self.middle, self.radius)
-        )
-        assert middle is not None
-        return Balls(middle, radius)
+        return self.arranged(lambda part: np.concatenate([part[which], part[others]], axis=1))
 
     @cached_property
     def size(self) -> np.ndarray:

@@ -154,11 +154,6 @@ Dashpot = Callable[[Mapping[str, fmpq]], Interval]
 Spans = Callable[[Mapping[str, Interval]], Mapping[str, Interval]]
 
 
-def _no_spans(ranges: Mapping[str, Interval]) -> Mapping[str, Interval]:
-    """Of a family without effects; a function with a name, so that boxes can be pickled."""
-    return {}
-
-
 def _no_text(claims: "Sequence[BoxClaim]") -> str:
     """The certificate where nothing is decided."""
     return ""
@@ -173,7 +168,7 @@ class Box:
         nominal: where scaling starts from, inside each range but not always in its middle.
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
         dashpots: what gives the range of each, from the factors on the deviations of the figures behind it, by name.
-        spans: what gives the ranges of what effects freeze, from those of all else.
+        spans: what gives the ranges of what effects freeze, from those of all else; None without effects.
         performing: ranges over which more than stability is asked, in the place of these: payloads of a law of several.
     """
 
@@ -181,7 +176,7 @@ class Box:
     nominal: Mapping[str, fmpq]
     rigid: frozenset[str] = frozenset()
     dashpots: Mapping[str, Dashpot] = field(default_factory=dict)
-    spans: Spans = field(default=_no_spans, repr=False, compare=False)
+    spans: Spans | None = field(default=None, repr=False, compare=False)
     performing: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
@@ -204,8 +199,8 @@ class Box:
         own = {name: fmpq(1) if name in self.rigid else factor for name in self.ranges}
         drawn |= {name: of(own) for name, of in self.dashpots.items()}  # which are not linear in these
         ranges = {**self.ranges, **drawn}
-        spans = {name: ends for name, ends in self.spans(ranges).items() if name in ranges}
-        return replace(self, ranges={**ranges, **spans})
+        spans = {} if self.spans is None else self.spans(ranges)
+        return replace(self, ranges=ranges | {name: ends for name, ends in spans.items() if name in ranges})
 
 
 def box_of(

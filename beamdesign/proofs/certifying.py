@@ -53,23 +53,24 @@ class Proved:
     performing: Rectangle | None
 
 
-def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
+def rectangles(given: Members) -> list[Proved]:
     """Each member's loop over masses and factors on the gain.
 
     Raises:
+        ValueError: without a controller.
         InputError: for more members than are proved, or where mass and a gain that varies multiply each other.
     """
-    refuse_unstated(prototype, found)
-    found_loops = []
-    for member in found.members:
-        loop = member_loop(prototype, member)
-        stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
+    refuse_unstated(given.prototype, given.found)
+    found = []
+    for member in given.found.members:
+        loop = member_loop(given.prototype, member)
+        stable = Rectangle(loop, given.low, given.high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
         if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:
-            raise InputError(prototype.name, gain_and_mass(prototype, nearest(high)))
+            raise InputError(given.prototype.name, gain_and_mass(given.prototype, nearest(given.high)))
         performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
-        found_loops.append(Proved(member, stable, performing))
-    return found_loops
+        found.append(Proved(member, stable, performing))
+    return found
 
 
 def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
@@ -86,12 +87,14 @@ def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
     return [Problem(f"effects.{name}", reason) for name in varying]
 
 
-def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> StabilityMap:
-    """The masses at which all rectangles are stable for all of their gains.
+def common_ranges(proved: Sequence[Proved]) -> StabilityMap:
+    """The masses at which all members are stable for all of their gains.
 
     Ends are crossings of some member at one end of its gains. Where a gain between the ends is not stable at a mass at
     which both ends are, the range gives way: what is left is proved, but need not be all.
     """
+    parts = [one.stable for one in proved]
+    low, high = parts[0].low, parts[0].high
     maps = [
         stable_ranges(part.loop.scaled(factor).characteristic, low, high)
         for part in parts
@@ -210,9 +213,7 @@ def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> Stabi
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    low, high = exact(low_kg), exact(high_kg)
-    proved = rectangles(prototype, family(prototype, high_kg), low, high)
-    return common_ranges([part.stable for part in proved], low, high)
+    return common_ranges(rectangles(members(prototype, low_kg, high_kg)))
 
 
 @takes("Prototype")
@@ -242,10 +243,9 @@ def certify(
         InputError: without a range, for masses that are not plausible, or for effects for which no linear loop stands.
     """
     low_kg, high_kg = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
-    low, high = exact(low_kg), exact(high_kg)
-    found = family(prototype, high_kg)
-    proved = rectangles(prototype, found, low, high)
-    stability = common_ranges([part.stable for part in proved], low, high)
+    given = members(prototype, low_kg, high_kg)
+    found, proved = given.found, rectangles(given)
+    stability = common_ranges(proved)
     decided = [_decide(proved, asked) for asked in claims]
     guaranteed: Guaranteed | None = None
     reached: list[Claim] = []
@@ -253,11 +253,11 @@ def certify(
         off = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low_kg, high_kg))
         guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg), off.compliance_m_per_N)
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
-    rows = nonlinear_rows(prototype, low_kg, high_kg) if nonlinear else ()
+    rows = nonlinear_rows(given) if nonlinear else ()
     summary = "\n".join([_summary(prototype, found, stability, written, nonlinear), *(row.line() for row in rows)])
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
     body: dict[str, Any] = {
-        "outer_end_mass_kg": [text(low), text(high)],
+        "outer_end_mass_kg": texts((given.low, given.high)),
         "stability": stability_table(stability) if alone else common_table(stability),
     }
     body |= {"claim": [claim.table(alone) for claim in written]} if written else {}
@@ -373,17 +373,15 @@ _WHY = {
 }
 
 
-def nonlinear_rows(prototype: Prototype, low_kg: float, high_kg: float) -> tuple[Row, ...]:
+def nonlinear_rows(given: Members) -> tuple[Row, ...]:
     """What is proved of each effect of a prototype, and of the saturation that every rig has, over a range of masses.
 
     Raises:
         ValueError: without a controller.
-        InputError: for effects for which no linear loop stands.
     """
-    given = members(prototype, low_kg, high_kg)
     rows = [*static_rows(given), *changing_rows(given), *both_rows(given), *bounded_rows(given), *_linear(given)]
     known = {name for row in rows for name in row.effects}
-    for name in sorted(prototype.effects.keys() - known):
+    for name in sorted(given.prototype.effects.keys() - known):
         why = f": {_WHY[name]}" if name in _WHY else ""
         rows.append(Row((name,), NONE_KNOWN, False, f"{_OPEN}{why}."))
     return tuple(rows)

@@ -45,7 +45,7 @@ from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.multiplier import Multiplier, fits, is_proper, slack
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
-from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
+from beamdesign.proofs.quadratic import Coefficients, first_negative, less, over_mass
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
@@ -186,11 +186,10 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
             f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
         )
         alone = one.place == "flow" or all(loop.added.constant.is_zero() for loop in given.loops)
-        if low <= one.least and (high is None or one.most <= high) and alone:
-            words += f". {one.words} Not covered is what moves elsewhere at the same time."
-            yield Row((one.effect,), OVER_BOX, True, words)
-        else:
-            yield Row((one.effect,), OVER_BOX, False, f"{words}, or beside other sensors, which need not mean unrest.")
+        proved = low <= one.least and (high is None or one.most <= high) and alone
+        own = f". {one.words} Not covered is what moves elsewhere at the same time."
+        words += own if proved else ", or beside other sensors, which need not mean unrest."
+        yield Row((one.effect,), OVER_BOX, proved, words)
 
 
 # While the current saturates.
@@ -237,8 +236,7 @@ class Pair:
 
     def fits(self, multiplier: Multiplier, weight: fmpq, low: fmpq, high: fmpq, margin: fmpq) -> bool:
         """Whether the matrix is positive definite, to a margin, at every mass (kg) and frequency."""
-        coefficients = self.slack(multiplier, weight, margin)
-        return quadratic_nonnegative(*coefficients, low, high, _NONE, None).holds
+        return first_negative(self.slack(multiplier, weight, margin), low, high) is None
 
     def responses(self, masses: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """1 + L_a, (1 - a) F and H at jw in floats, (masses, frequencies) each."""
@@ -265,7 +263,7 @@ def _free(polynomial: fmpq_poly) -> Affine:
 def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     """The loop of a member with a gain that changes; None where it does not come to this form."""
     prototype, loop = given.prototype, member_loop(given.prototype, member)
-    if acts_ahead(prototype, change.effect, change.place):
+    if acts_ahead(prototype, change.effect, change.place) or not change.least > 0:
         return None
     law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
@@ -291,9 +289,7 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
             return None
         onto = fed * change.most, Affine(*(part / spool for part in parts))
         by = _free(fmpq_poly([1])), _free(spool)
-    one_free = all(one.slope.is_zero() or other.slope.is_zero() for one, other in zip(onto, by[::-1], strict=True))
-    found = Pair(denominator, open_ + fed * change.least, 1 - change.least / change.most, onto, by)
-    return found if one_free and change.least > 0 else None
+    return Pair(denominator, open_ + fed * change.least, 1 - change.least / change.most, onto, by)
 
 
 def unequal(given: Members) -> list[Changing]:

@@ -45,14 +45,7 @@ from beamdesign.polynomial import (
     squared_magnitude,
     turned,
 )
-from beamdesign.proofs.quadratic import (
-    Coefficients,
-    kept_up_to_Hz,
-    less,
-    magnitude_slack,
-    over_mass,
-    quadratic_nonnegative,
-)
+from beamdesign.proofs.quadratic import Coefficients, first_negative, kept_up_to_Hz, less, magnitude_slack, over_mass
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
 
 _PRECISION_BITS = 128
@@ -350,8 +343,7 @@ def unilateral_contact(loop: Loop, masses: tuple[fmpq, fmpq], stiffness: fmpq) -
         return UnilateralContact(0.0, 0.0, False)
 
     def proves(wall: fmpq, multiplier: float) -> bool:
-        slack = popov_slack(loop, wall * _STRICTLY, exact(multiplier))
-        return quadratic_nonnegative(*slack, *masses, fmpq(0), None).holds
+        return first_negative(popov_slack(loop, wall * _STRICTLY, exact(multiplier)), *masses) is None
 
     for multiplier in MULTIPLIERS_S:
         if proves(stiffness, multiplier):

@@ -17,9 +17,8 @@ Morse, 1999). All stages act on the same states, none of which jumps at a change
 - *Refutation.* Two stages in turn, at one payload, under which the motion grows; proved by ball arithmetic.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import combinations, product
 from math import log
 
@@ -31,7 +30,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.proofs.decrease import (
     ZERO,
     Change,
-    Joining,
+    Sought,
     changes_of_payload,
     changes_of_stage,
     dwell_suffices,
@@ -44,7 +43,6 @@ from beamdesign.proofs.lmi import (
     Coefficients,
     Course,
     Found,
-    Sought,
     Status,
     checked,
     lyapunov_candidates,
@@ -53,7 +51,7 @@ from beamdesign.proofs.lmi import (
     solve_one_each,
     sought_with,
 )
-from beamdesign.proofs.mass_family import Families, at, floats, growing_cycle, modal_coordinates
+from beamdesign.proofs.mass_family import at, floats, growing_cycle, modal_coordinates
 
 FIRST_STEP, LEAST_STEP = 1 / 8, 1 / 256
 """Steps by which a range of masses grows, as shares of it."""
@@ -65,34 +63,24 @@ DEGREES = (1, 2)
 """Of P in m, tried in this order."""
 
 
-def any_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
-    """Decide stability under arbitrary matched changes of mass between `low` and `high`, whichever stage acts when.
+def any_change(sought: Sought) -> Found:
+    """Decide stability under arbitrary matched changes of mass between two masses, whichever stage acts when.
 
     Functions from Lyapunov's equation are tried first, then semidefinite programs on a growing range, each in the
-    coordinates that the one before made ideal. All go through the exact check.
-
-    Args:
-        families: the closed loop with each stage, stable at `low`.
-        low: least mass, kg.
-        high: largest mass, kg.
-
-    Returns:
-        what is proved, and coordinates (n, n) to go on from.
+    coordinates that the one before made ideal. All go through the exact check. Loops are to be stable at the least
+    mass.
     """
+    families, low, high = sought.families, sought.low, sought.high
     coordinates = modal_coordinates(at(families[len(families) // 2], low))
-    best, claimed = low, ""
-    function: Coefficients = ()
-    for candidate in lyapunov_candidates(families, low, high):
-        function, wrong = checked(families, Sought(low, high), [candidate])
-        if not wrong:
-            best = high
-            break
+    candidates = (checked(sought, [candidate])[0] for candidate in lyapunov_candidates(sought))
+    function: Coefficients = next(filter(None, candidates), ())
+    best, claimed = high if function else low, ""
     step = (high - low) * fmpq(1, round(1 / FIRST_STEP))
     while best < high and step >= (high - low) * fmpq(1, round(1 / LEAST_STEP)):
         target = min(shortened(best + step, 9), high)  # a decimal, so that as a float it is the same number
         if target <= best:
             break
-        found, onward = sought_with(families, Sought(low, target), coordinates)
+        found, onward = sought_with(replace(sought, high=target), coordinates)
         claimed = found.claimed if target == high else claimed
         if found.coefficients:
             best, function, coordinates = target, found.coefficients, onward
@@ -100,7 +88,7 @@ def any_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.nd
         else:
             step /= 2
     if best < high:  # the whole range once more, from the best coordinates there are
-        found, _ = sought_with(families, Sought(low, high), coordinates, SOLVERS)
+        found, _ = sought_with(sought, coordinates, SOLVERS)
         claimed = found.claimed or claimed
         if found.coefficients:
             best, function = high, found.coefficients
@@ -125,10 +113,7 @@ def any_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.nd
 
 
 def bounded_rate(
-    families: Families,
-    low: fmpq,
-    high: fmpq,
-    joining: Joining,
+    sought: Sought,
     coordinates: np.ndarray,
     wanted: fmpq | None = None,
     update: Progress = silent,
@@ -137,10 +122,7 @@ def bounded_rate(
     """Prove stability up to a rate of change, or find the largest rate that can be proved.
 
     Args:
-        families: the closed loop with each stage, stable at every mass that stays.
-        low: least mass, kg.
-        high: largest mass, kg, above `low`.
-        joining: how payload joins.
+        sought: loops that are stable at every mass that stays, and how payload joins.
         coordinates: (n, n), to begin in.
         wanted: rate, kg/s; the largest is searched for where it is left out.
         update: told of progress.
@@ -148,33 +130,30 @@ def bounded_rate(
     """
     tried = list[Course]()
     for degree in degrees:
-
-        def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> Found:
-            return sought_with(families, Sought(low, high, degree, rate, joining), inner, solvers)
-
-        found = _largest(ask, joining, coordinates, update) if wanted is None else _at(ask, coordinates, wanted)
+        own = replace(sought, degree=degree)
+        found = _largest(own, coordinates, update) if wanted is None else _at(own, coordinates, wanted)
         if found.status == "proved":
             return found
         tried.append(found)
     return next((one for one in tried[::-1] if one.status == "unverified"), tried[0])
 
 
-def _at(ask: Callable[..., Found], coordinates: np.ndarray, wanted: fmpq) -> Course:
+def _at(sought: Sought, coordinates: np.ndarray, wanted: fmpq) -> Course:
     """One rate, approached from lower ones for the sake of the coordinates."""
     for share in (fmpq(1, 64), fmpq(1, 8)):
-        _, coordinates = ask(wanted * share, coordinates)
-    found, _ = ask(wanted, coordinates, SOLVERS)
+        _, coordinates = sought_with(replace(sought, rate=wanted * share), coordinates)
+    found, _ = sought_with(replace(sought, rate=wanted), coordinates, SOLVERS)
     rate = nearest(wanted)
     return replace(found, rate_kg_per_s=rate) if found.coefficients else replace(found, refused_kg_per_s=rate)
 
 
-def _largest(ask: Callable[..., Found], joining: Joining, coordinates: np.ndarray, update: Progress) -> Course:
-    best, bad = Course("undecided", NONE_FOUND, joining), None
+def _largest(sought: Sought, coordinates: np.ndarray, update: Progress) -> Course:
+    best, bad = Course("undecided", NONE_FOUND, sought.joining), None
     rate, done = FIRST_RATE, 0
     while LEAST_RATE <= rate <= LARGEST_RATE:
-        update(done / (done + 6), f"mass {joining.replace('_', ' ')}, {rate:.4g} kg/s")
+        update(done / (done + 6), f"mass {sought.joining.replace('_', ' ')}, {rate:.4g} kg/s")
         exact_rate = shortened(fmpq(round(rate * 10**9), 10**9), 3)
-        found, onward = ask(exact_rate, coordinates)
+        found, onward = sought_with(replace(sought, rate=exact_rate), coordinates)
         done, rate = done + 1, nearest(exact_rate)
         if found.coefficients:
             best, coordinates = replace(found, rate_kg_per_s=rate), onward
@@ -199,21 +178,13 @@ DECAY_SHARES = (0.3, 0.6, 0.9)
 """Decay rates to try, as shares of the slowest one of a mass that stays."""
 
 
-def stage_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
-    """Prove what can be proved of changes between stages, each of which is stable by itself.
-
-    Args:
-        families: the loop with each stage, in the same states; see `stage_families`.
-        low: least payload, kg.
-        high: largest payload, kg, above `low`.
-
-    Returns:
-        what is proved, and coordinates (n, n) to go on from.
-    """
+def stage_change(sought: Sought) -> Found:
+    """Prove what can be proved of changes between stages, each of which is stable by itself."""
+    families, low, high = sought.families, sought.low, sought.high
     at_any_time = Course("proved", dwell_s=ZERO, factor=fmpq(1))
     if len(families) == 1:
         return at_any_time, modal_coordinates(at(families[0], low))
-    common, coordinates = _common(families, low, high)
+    common, coordinates = _common(sought)
     if common.functions:
         return replace(at_any_time, functions=common.functions), coordinates
     pairs = product((low, (low + high) / 2, high), combinations(range(len(families)), 2))
@@ -222,19 +193,18 @@ def stage_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.
     if cycle is not None:
         sure = "proved" if cycle.proved else "shown numerically only"
         words = f"stages {cycle.stages[0] + 1} and {cycle.stages[1] + 1} in turn make the motion grow ({sure})"
-    changes = partial(changes_of_stage, low=low, high=high)
-    each = _shortest_dwell(families, Sought(low, high, 1), len(families), coordinates, changes, TURNS)
+    each = _shortest_dwell(replace(sought, degree=1), len(families), coordinates, TURNS)
     found = common if each.dwell_s is None else each
     return replace(found, reason=words, counterexample=cycle), coordinates
 
 
-def _common(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
-    start = modal_coordinates(at(families[len(families) // 2], (low + high) / 2))
+def _common(sought: Sought) -> Found:
+    start = modal_coordinates(at(sought.families[len(sought.families) // 2], (sought.low + sought.high) / 2))
     best = Course("undecided", NONE_FOUND), start
-    for degree in (1, 2):
+    for degree in DEGREES:
         coordinates = start
         for _ in range(TURNS):
-            found, onward = sought_with(families, Sought(low, high, degree), coordinates)
+            found, onward = sought_with(replace(sought, degree=degree), coordinates)
             if found.functions:
                 return found, onward
             best = (found, onward) if found.claimed else best
@@ -244,73 +214,58 @@ def _common(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarr
     return best
 
 
-def sudden_change(families: Families, low: fmpq, high: fmpq, joining: Joining, coordinates: np.ndarray) -> Course:
+def sudden_change(sought: Sought, coordinates: np.ndarray) -> Course:
     """The shortest average time between sudden changes that can be proved, over a few decay rates.
 
     Args:
-        families: the closed loop with each stage, stable at every mass that stays.
-        low: least mass, kg.
-        high: largest mass, kg, above `low`.
-        joining: how payload joins.
+        sought: loops that are stable at every mass that stays, and how payload joins.
         coordinates: (n, n), to begin in.
     """
-
-    def changes(functions: Sequence[Coefficients]) -> list[Change]:
-        return changes_of_payload(families[0], functions[0], low, high, joining)
-
     # The second time in the coordinates of the first answer.
-    found = _shortest_dwell(families, Sought(low, high, 1, joining=joining), 1, coordinates, changes, 2)
-    return replace(found, joining=joining)
+    found = _shortest_dwell(replace(sought, degree=1), 1, coordinates, 2)
+    return replace(found, joining=sought.joining)
 
 
-def _shortest_dwell(
-    families: Families,
-    sought: Sought,
-    count: int,
-    coordinates: np.ndarray,
-    changes: Callable[[Sequence[Coefficients]], Sequence[Change]],
-    turns: int,
-) -> Course:
+def _shortest_dwell(sought: Sought, count: int, coordinates: np.ndarray, turns: int) -> Course:
     """The shortest dwell over a few decay rates and, for each, turns in the coordinates of the last answer.
 
-    It is with so many functions, of which follow the changes that join them; answers are verified exactly.
+    It is with so many functions: one, of changes of the payload, or one for each stage, of changes between these.
+    Answers are verified exactly.
     """
-    best, slowest = Course("undecided", NONE_FOUND), slowest_decay(families, sought.low, sought.high)
+    best = Course("undecided", NONE_FOUND)
+    slowest = min(slowest_decay(sought, family) for family in sought.families)
     for share in DECAY_SHARES:
         asked, inner = replace(sought, decay=shortened(exact(slowest * share), 3)), coordinates
         for _ in range(turns):
-            answers = solve_one_each(families, asked, inner, count)
-            if not all(answer.coefficients for answer in answers):
+            answer = solve_one_each(asked, inner, count)
+            if not answer.functions:
                 break
-            found = _verified(families, asked, answers, changes)
+            found = _verified(asked, answer)
             if found.dwell_s is None:
                 better = best.dwell_s is None and found.status == "unverified"
             else:
                 better = best.dwell_s is None or found.dwell_s < best.dwell_s
             best = found if better else best
-            if answers[0].coordinates is None:
+            if answer.coordinates is None:
                 break
-            inner = answers[0].coordinates
+            inner = answer.coordinates
     return best
 
 
-def _verified(
-    families: Families,
-    asked: Sought,
-    answers: Sequence[Answer],
-    changes: Callable[[Sequence[Coefficients]], Sequence[Change]],
-) -> Course:
-    """What answers, one for all families or one for each, prove of the time between changes; the check is exact."""
-    own = [families] if len(answers) == 1 else [[family] for family in families]
-    found = [checked(some, asked, answer.coefficients) for some, answer in zip(own, answers, strict=True)]
+def _verified(asked: Sought, answer: Answer) -> Course:
+    """What functions, one for all families or one for each, prove of the time between changes; the check is exact."""
+    alone = len(answer.functions) == 1
+    own = [asked] if alone else [replace(asked, families=[family]) for family in asked.families]
+    found = [checked(one, function) for one, function in zip(own, answer.functions, strict=True)]
     wrong = next((words for _, words in found if words), "")
     if not wrong:
         functions = [function for function, _ in found]
-        course = _enough(changes(functions), functions, asked.decay)
+        changes = changes_of_payload(asked, functions[0]) if alone else changes_of_stage(asked, functions)
+        course = _enough(changes, functions, asked.decay)
         if course.status == "proved":
             return course
         wrong = course.reason
-    return refused(answers[0], wrong, asked.joining) if answers[0].claims else Course("undecided", NONE_FOUND)
+    return refused(answer, wrong, asked.joining) if answer.claims else Course("undecided", NONE_FOUND)
 
 
 def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:

@@ -24,11 +24,12 @@ the decrease in the time between them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import permutations
 from operator import mul
 from typing import Any, Literal
 
-from flint import arb, ctx, fmpq, fmpq_mat, fmpz
+from flint import arb, ctx, fmpq, fmpq_mat
 
 from beamdesign.proofs.frames import control_value
 from beamdesign.proofs.mass_family import Families, MassFamily
@@ -43,25 +44,20 @@ DEEPEST = 10
 def not_positive(matrix: fmpq_mat) -> str:
     """Why a matrix is not positive definite, in words; empty where it is proved to be, in rationals.
 
-    Sylvester's criterion by fraction-free elimination (Bareiss): all leading principal minors are positive. A
-    semidefinite matrix is not positive definite: its first vanishing minor is named.
+    Sylvester's criterion: all leading principal minors are positive. A semidefinite matrix is not positive definite:
+    its first vanishing minor is named.
 
     Args:
         matrix: square, rational.
     """
     if matrix != matrix.transpose():
         return "the matrix is not symmetric"
-    rows: list[list[Any]] = matrix.numer_denom()[0].tolist()  # over one positive denominator: signs stay
-    before = fmpz(1)
-    for k, pivot_row in enumerate(rows):
-        pivot = pivot_row[k]  # the leading principal minor of order k + 1
-        if pivot <= 0:
-            return f"leading minor {k + 1} of {len(rows)} is {'zero' if pivot == 0 else 'negative'}"
-        for row in rows[k + 1 :]:
-            head = row[k]
-            for j in range(k + 1, len(rows)):
-                row[j] = (pivot * row[j] - head * pivot_row[j]) // before  # exact division
-        before = pivot
+    # The pivots without fractions are these minors, over one positive denominator, until rows change places at a zero.
+    rows, _, _, upper = matrix.numer_denom()[0].fflu()
+    for k in range(matrix.nrows()):
+        minor = upper[k, k] if rows[k, k] == 1 else 0
+        if minor <= 0:
+            return f"leading minor {k + 1} of {matrix.nrows()} is {'zero' if minor == 0 else 'negative'}"
     return ""
 
 
@@ -110,9 +106,34 @@ Joining = Literal["matched", "from_rest"]
 ZERO = fmpq(0)
 
 
-def extremes(joining: Joining) -> tuple[tuple[int, int], ...]:
-    """Signs of the rate and shares theta that bound all changes of this kind; mass leaves matched."""
-    return ((1, 0), (-1, 0)) if joining == "matched" else ((1, 0), (-1, 0), (1, 1))
+@dataclass(frozen=True)
+class Sought:
+    """What is asked of V = x' P(m) x between two masses.
+
+    Attributes:
+        families: the closed loop with each stage, along each of which V is to fall.
+        low: kg.
+        high: kg.
+        degree: of P in m; 0 for a common P, which settles all matched changes.
+        rate: bound on |dm/dt|, kg/s; zero for a mass that stays.
+        joining: how payload joins.
+        decay: 1/s, V falls as exp(-2 decay t).
+    """
+
+    families: Families
+    low: fmpq
+    high: fmpq
+    degree: int = 0
+    rate: fmpq = ZERO
+    joining: Joining = "matched"
+    decay: fmpq = ZERO
+
+    @property
+    def extremes(self) -> tuple[tuple[int, int], ...]:
+        """Signs of the rate and shares theta that bound all changes of this kind; mass leaves matched."""
+        if not self.rate:
+            return ((0, 0),)
+        return ((1, 0), (-1, 0)) if self.joining == "matched" else ((1, 0), (-1, 0), (1, 1))
 
 
 def decrease(
@@ -145,34 +166,18 @@ def decrease(
     return total
 
 
-def not_falling(
-    families: Families,
-    coefficients: Sequence[fmpq_mat],
-    low: fmpq,
-    high: fmpq,
-    rate: fmpq,
-    joining: Joining,
-    decay: fmpq = ZERO,
-) -> str:
-    """Why V = x' P(m) x does not decrease along every family at each mass in [low, high] while |dm/dt| is in `rate`.
+def not_falling(sought: Sought, coefficients: Sequence[fmpq_mat]) -> str:
+    """Why V = x' P(m) x does not fall as is asked of it, with P(m) as it is here, ascending in m.
 
     In words, empty where it does; of a P that is free of m that is for any matched change however fast: dP/dm is zero.
-
-    Args:
-        families: the closed loop with each stage.
-        coefficients: of P(m), ascending in m.
-        low: least mass, kg.
-        high: most mass, kg.
-        rate: kg/s; zero for a mass that stays.
-        joining: how payload joins.
-        decay: V falls at least as exp(-2 decay t), 1/s.
     """
-    if wrong := not_positive_on(coefficients, low, high):
+    if wrong := not_positive_on(coefficients, sought.low, sought.high):
         return f"P(m) is not positive definite: {wrong}"
-    for k, family in enumerate(families, start=1):
-        for sign, resting in extremes(joining) if rate else ((0, 0),):
-            if wrong := not_positive_on(decrease(family, coefficients, decay, sign * rate, resting), low, high):
-                return f"V does not decrease{f' with stage {k}' if len(families) > 1 else ''} {wrong}"
+    for k, family in enumerate(sought.families, start=1):
+        for sign, resting in sought.extremes:
+            falling = decrease(family, coefficients, sought.decay, sign * sought.rate, resting)
+            if wrong := not_positive_on(falling, sought.low, sought.high):
+                return f"V does not decrease{f' with stage {k}' if len(sought.families) > 1 else ''} {wrong}"
     return ""
 
 
@@ -188,37 +193,29 @@ Change = tuple[fmpq_mat, fmpq_mat]
 """P before a sudden change, and J' P J of P after it, by which V goes on from the state before it."""
 
 
-def changes_of_payload(
-    family: MassFamily, coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, joining: Joining
-) -> list[Change]:
-    """The extremes of sudden changes between any two masses in [low, high].
+def changes_of_payload(sought: Sought, coefficients: Sequence[fmpq_mat]) -> list[Change]:
+    """The extremes of sudden changes between any two masses of the range.
 
-    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity that is left and, for P affine in m, affine in
-    both masses: the extremes suffice. All r are allowed for all pairs of masses, which is more than can happen.
-
-    Raises:
-        ValueError: where P(m) is of higher degree than one.
+    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity that is left and, as P is to be affine in m,
+    affine in both masses: the extremes suffice. All r are allowed for all pairs of masses, which is more than can
+    happen.
     """
-    least = (family.bare_mass + low) / (family.bare_mass + high)
-    jumps = [jump(family, share) for share in ((fmpq(1),) if joining == "matched" else (fmpq(1), least))]
-    ends = _at_ends(coefficients, low, high)
+    family = sought.families[0]
+    least = (family.bare_mass + sought.low) / (family.bare_mass + sought.high)
+    jumps = [jump(family, share) for share in ((fmpq(1),) if sought.joining == "matched" else (fmpq(1), least))]
+    ends = _at_ends(sought, coefficients)
     return [(before, j * after * j) for before in ends for after in ends for j in jumps]
 
 
-def changes_of_stage(functions: Sequence[Sequence[fmpq_mat]], low: fmpq, high: fmpq) -> list[Change]:
-    """The extremes of changes between any two stages, each with its own P(m) affine in m, at a mass that stays.
-
-    Raises:
-        ValueError: where some P(m) is of higher degree than one.
-    """
-    pairs = permutations((_at_ends(function, low, high) for function in functions), 2)
+def changes_of_stage(sought: Sought, functions: Sequence[Sequence[fmpq_mat]]) -> list[Change]:
+    """The extremes of changes between any two stages, each with its own P(m) affine in m, at a mass that stays."""
+    pairs = permutations((_at_ends(sought, function) for function in functions), 2)
     return [change for before, after in pairs for change in zip(before, after, strict=True)]
 
 
-def _at_ends(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq) -> list[fmpq_mat]:
-    if len(coefficients) > 2:
-        raise ValueError("jumps are settled for P affine in m alone")
-    return [sum((p * m**k for k, p in enumerate(coefficients)), coefficients[0] * 0) for m in (low, high)]
+def _at_ends(sought: Sought, coefficients: Sequence[fmpq_mat]) -> list[fmpq_mat]:
+    masses = sought.low, sought.high
+    return [sum((p * m**k for k, p in enumerate(coefficients)), coefficients[0] * 0) for m in masses]
 
 
 def grows_beyond(changes: Sequence[Change], factor: fmpq) -> str:

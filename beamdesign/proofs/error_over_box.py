@@ -123,8 +123,7 @@ def _resized(claim: BoxClaim, size: fmpq) -> BoxClaim:
     """The same of an error of another size at the same place."""
     weighed = claim.asked.error
     assert weighed is not None  # it is of a deviation
-    limit = exact(claim.asked.limit) * size / weighed.size
-    limit = limit if size == weighed.size else shortened(limit, _DIGITS, up=True)
+    limit = shortened(exact(claim.asked.limit) * size / weighed.size, _DIGITS, up=True)
     asked = Asked("deviation", nearest(limit), error=weighed._replace(size=size))
     return replace(claim, asked=asked, more={**claim.more, "size": text(size)})
 

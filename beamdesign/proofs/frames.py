@@ -305,6 +305,4 @@ class Frames(Hulls):
         for cell in self._cells:
             low, high = cell.values[name]
             points += [centre + radius * point for point in arc(turn() * arb(low), turn() * arb(high - low))]
-        found = balls(points).shaped((len(self._cells), -1))
-        assert found.radius is not None
-        return Balls(found.middle[self._cell], found.radius[self._cell])
+        return balls(points).shaped((len(self._cells), -1)).arranged(lambda part: part[self._cell])

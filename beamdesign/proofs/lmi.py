@@ -15,8 +15,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, not_falling
-from beamdesign.proofs.mass_family import Cycle, Families, MassFamily, at, floats, modal_coordinates, rationals
+from beamdesign.proofs.decrease import ZERO, Joining, Sought, bernstein, decrease, not_falling
+from beamdesign.proofs.mass_family import Cycle, MassFamily, at, floats, modal_coordinates, rationals
 
 SOLVERS = ("CLARABEL", "SCS")
 
@@ -28,49 +28,30 @@ class Answer:
     Attributes:
         solver: its name.
         status: its own word, such as "optimal"; or the error it ended in.
-        claims: whether it claims to have found a function: a status of success and a positive margin.
-        coefficients: of P(m), ascending in m, (n, n) each in SI; empty where it returned nothing.
-        coordinates: (n, n) map from the state to coordinates in which P at mid-range is the identity: those to solve
-            the next, harder problem in. None where P at mid-range is not positive definite even in floats.
+        claims: whether it claims to have found functions: a status of success and a positive margin.
+        functions: of each P(m) the coefficients, ascending in m, (n, n) each in SI; none where it returned nothing.
+        coordinates: (n, n) map from the state to coordinates in which P at mid-range, or the mean of several, is the
+            identity: those to solve the next, harder problem in. None where that is not positive definite even in
+            floats.
     """
 
     solver: str
     status: str
-    claims: bool
-    coefficients: tuple[np.ndarray, ...]
-    coordinates: np.ndarray | None
+    claims: bool = False
+    functions: tuple[tuple[np.ndarray, ...], ...] = ()
+    coordinates: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class Sought:
-    """What is asked of V = x' P(m) x between two masses.
-
-    Attributes:
-        low: kg.
-        high: kg.
-        degree: of P in m; 0 for a common P, which settles all matched changes.
-        rate: bound on |dm/dt|, kg/s; of no meaning for degree 0.
-        joining: how payload joins.
-        decay: 1/s, V falls as exp(-2 decay t).
-    """
-
-    low: fmpq
-    high: fmpq
-    degree: int = 0
-    rate: fmpq = ZERO
-    joining: Joining = "matched"
-    decay: fmpq = ZERO
+def slowest_decay(sought: Sought, family: MassFamily) -> float:
+    """The least decay rate of a family at the two ends, 1/s, sampled; negative for an unstable one."""
+    return min(-max(np.linalg.eigvals(at(family, mass)).real) for mass in (sought.low, sought.high))
 
 
-def slowest_decay(families: Families, low: fmpq, high: fmpq) -> float:
-    """The least decay rate of all families at the two ends, 1/s, sampled; negative for an unstable one."""
-    return min(-max(np.linalg.eigvals(at(family, mass)).real) for family in families for mass in (low, high))
-
-
-def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.ndarray]:
+def lyapunov_candidates(sought: Sought) -> list[np.ndarray]:
     """Common P without a program: Lyapunov functions of the middle, and the sum of those of both ends, (n, n), SI."""
     from scipy.linalg import solve_continuous_lyapunov
 
+    families, low, high = sought.families, sought.low, sought.high
     total_low, total_high = families[0].bare_mass + low, families[0].bare_mass + high
     middle = 2 * total_low * total_high / (total_low + total_high) - families[0].bare_mass
     t = modal_coordinates(at(families[len(families) // 2], middle))
@@ -83,53 +64,47 @@ def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.nd
     return [t.T @ t, found[0], found[1] + found[2]]
 
 
-def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
+def solve(sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
     """Maximise the margin t of t I <= P(m) <= I and -W dV/dt >= t c W I along every family, in coordinates z = T x.
 
     The identity is feasible with t of about 1 where it is a Lyapunov function already, so the margin says how far the
     coordinates are from ideal; c is the slowest decay rate of a family.
 
     Args:
-        families: the closed loop with each stage.
         sought: what is asked of V.
         coordinates: T, (n, n); the identity matrix leaves the problem in SI.
         solver: of `SOLVERS`.
     """
-    scaled = _scaled(families, sought, coordinates)
-    first, identity = scaled[0], np.eye(families[0].order)
+    scaled = _scaled(sought, coordinates)
+    first, identity = scaled[0], np.eye(len(coordinates))
     basis = first.basis(sought.degree)
     values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
     constraints = [(v, 0.0, identity) for v in values] + [(-v, 1.0, 0 * identity) for v in values]
-    cases = extremes(sought.joining) if sought.rate and sought.degree else ((0, 0),)
-    for one, family in zip(scaled, families, strict=True):
-        slowest = abs(slowest_decay([family], sought.low, sought.high)) / one.pace
-        for case in cases:
+    for one in scaled:
+        slowest = abs(one.slowest) / one.pace
+        for case in sought.extremes:
             constraints += [(f, 0.0, slowest * identity) for f in one.decrease(basis, sought, *case)]
     status, margin, weights = maximise_margin(constraints, solver)
     if weights is None:
-        return Answer(solver, status, False, (), None)
+        return Answer(solver, status)
     inner = np.tensordot(weights, basis, axes=1)
     claims = status.startswith("optimal") and margin > 0
-    return Answer(solver, status, claims, first.in_si(inner), first.onward(inner))
+    return Answer(solver, status, claims, (first.in_si(inner),), first.onward(inner))
 
 
-def solve_one_each(families: Families, sought: Sought, coordinates: np.ndarray, count: int) -> tuple[Answer, ...]:
+def solve_one_each(sought: Sought, coordinates: np.ndarray, count: int) -> Answer:
     """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
 
     Of one function for all families it is P(m) and J' P(m) J with the jumps J of the payload that are to stay in these
     bounds: little growth of V at sudden changes.
 
     Args:
-        families: the closed loop with each stage.
         sought: of degree 0 or 1; its rate is not used, the mass stays between the changes.
         coordinates: T, (n, n).
         count: of functions: as many as there are families, or 1 for one that falls along all of them.
-
-    Returns:
-        one answer for each function, all with the same coordinates to go on in: those of the mean of all functions.
     """
-    solver, scaled = SOLVERS[0], _scaled(families, sought, coordinates)
-    first, identity = scaled[0], np.eye(families[0].order)
+    solver, scaled = SOLVERS[0], _scaled(sought, coordinates)
+    first, identity = scaled[0], np.eye(len(coordinates))
     own = first.basis(sought.degree)
     size, constraints, bases = len(own), [], []
     share = (
@@ -145,15 +120,15 @@ def solve_one_each(families: Families, sought: Sought, coordinates: np.ndarray, 
         # The margin is maximised, so the sign of g is turned: P >= I, J' P J <= -t I with t = -g.
         constraints += [(v, -1.0, 0 * identity) for v in values]
         constraints += [(-(jump.T @ v @ jump), 0.0, identity) for jump in jumps for v in values]
-    for k, (one, family) in enumerate(zip(scaled, families, strict=True)):
-        room = 0.02 * abs(slowest_decay([family], sought.low, sought.high)) / one.pace  # for the exact check
+    for k, one in enumerate(scaled):
+        room = 0.02 * abs(one.slowest) / one.pace  # for the exact check
         constraints += [(f, -room, 0 * identity) for f in one.decrease(bases[k if count > 1 else 0], sought, 0, 0)]
     status, _, weights = maximise_margin(constraints, solver, most=-1.0)
     if weights is None:
-        return tuple(Answer(solver, status, False, (), None) for _ in range(count))
+        return Answer(solver, status)
     inner = [np.tensordot(weights[k * size : (k + 1) * size], own, axes=1) for k in range(count)]
     onward = first.onward(np.mean(inner, axis=0))
-    return tuple(Answer(solver, status, status.startswith("optimal"), first.in_si(each), onward) for each in inner)
+    return Answer(solver, status, status.startswith("optimal"), tuple(map(first.in_si, inner)), onward)
 
 
 class Scaled:
@@ -164,7 +139,7 @@ class Scaled:
         self.coordinates = coordinates
         middle = (sought.low + sought.high) / 2
         self.unit = float(family.bare_mass + middle)
-        self.pace = pace
+        self.pace, self.slowest = pace, slowest_decay(sought, family)
         self.bare_mass = float(family.bare_mass) / self.unit
         self.low, self.high = float(sought.low) / self.unit, float(sought.high) / self.unit
         self.fixed = coordinates @ floats(family.fixed) @ inverse / self.pace
@@ -198,12 +173,12 @@ class Scaled:
             return None
 
 
-def _scaled(families: Families, sought: Sought, coordinates: np.ndarray) -> list[Scaled]:
+def _scaled(sought: Sought, coordinates: np.ndarray) -> list[Scaled]:
     """All families in one unit of time, that of their mean."""
     middle = (sought.low + sought.high) / 2
-    poles = np.concatenate([np.linalg.eigvals(at(family, middle)) for family in families])
+    poles = np.concatenate([np.linalg.eigvals(at(family, middle)) for family in sought.families])
     pace = float(np.exp(np.mean(np.log(np.abs(poles) + 1e-3))))
-    return [Scaled(family, sought, coordinates, pace) for family in families]
+    return [Scaled(family, sought, coordinates, pace) for family in sought.families]
 
 
 def maximise_margin(
@@ -306,13 +281,10 @@ Found = tuple[Course, np.ndarray]
 """What is proved, and coordinates (n, n) to solve the next, harder problem in."""
 
 
-def sought_with(
-    families: Families, sought: Sought, coordinates: np.ndarray, solvers: Sequence[str] = SOLVERS[:1]
-) -> Found:
+def sought_with(sought: Sought, coordinates: np.ndarray, solvers: Sequence[str] = SOLVERS[:1]) -> Found:
     """Ask solvers, one after another, until an answer passes the exact check.
 
     Args:
-        families: the closed loop with each stage.
         sought: what is asked of V.
         coordinates: (n, n), to solve in.
         solvers: their names.
@@ -322,11 +294,11 @@ def sought_with(
     """
     found, onward = Course("undecided", NONE_FOUND, sought.joining), coordinates
     for solver in solvers:
-        answer = solve(families, sought, coordinates, solver)
-        if not answer.coefficients:
+        answer = solve(sought, coordinates, solver)
+        if not answer.functions:
             continue
         onward = coordinates if answer.coordinates is None else answer.coordinates
-        coefficients, wrong = checked(families, sought, answer.coefficients)
+        coefficients, wrong = checked(sought, answer.functions[0])
         if not wrong:
             return Course("proved", "", sought.joining, (coefficients,)), onward
         if answer.claims:
@@ -334,12 +306,12 @@ def sought_with(
     return found, onward
 
 
-def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray]) -> tuple[Coefficients, str]:
+def checked(sought: Sought, candidate: Sequence[np.ndarray]) -> tuple[Coefficients, str]:
     """Coefficients of P(m), (n, n) each, rounded to decimals, and what the exact check finds wrong with them."""
     if not all(np.all(np.isfinite(p)) for p in candidate):
         return (), "the candidate is not finite"
     coefficients = tuple(rationals(p) for p in candidate)
-    wrong = not_falling(families, coefficients, sought.low, sought.high, sought.rate, sought.joining, sought.decay)
+    wrong = not_falling(sought, coefficients)
     return () if wrong else coefficients, wrong
 
 

@@ -13,7 +13,7 @@ from flint import fmpq, fmpq_mat
 from beamdesign.polynomial import exact, nearest, text
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.courses import DEGREES, any_change, bounded_rate, stage_change, sudden_change
-from beamdesign.proofs.decrease import ZERO, Joining
+from beamdesign.proofs.decrease import ZERO, Joining, Sought
 from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
@@ -131,7 +131,7 @@ def switching(
     if wanted_kg_per_s is not None and not 0 < wanted_kg_per_s < inf:
         raise ValueError(f"the rate must be positive and finite, is {wanted_kg_per_s}")
     low, high = exact(low_kg), exact(high_kg)
-    stays = frozen(families, low, high)
+    sought, stays = Sought(families, low, high), frozen(families, low, high)
 
     def result(stages: Course, common: Course, rates: Sequence[Course], sudden: Sequence[Course]) -> Switching:
         found = (stays, stages, common, tuple(rates), tuple(sudden))
@@ -144,13 +144,13 @@ def switching(
         return result(stages, refuted, each, each)
     if len(families) > 1:
         update(0.05, "changes of stage")
-    stages, coordinates = stage_change(families, low, high)
+    stages, coordinates = stage_change(sought)
     if stages.kind != "any_time":
         cycle = stages.counterexample
         status: Status = "refuted" if cycle is not None and cycle.proved else "undecided"
         return result(stages, Course(status, stages.reason, counterexample=cycle), [], [])
     update(0.15, "any change")
-    common, onward = any_change(families, low, high)
+    common, onward = any_change(sought)
     if len(families) == 1 or common.status == "proved":
         coordinates = onward
     degrees = [d for d in DEGREES if d >= len(stages.coefficients) - 1]
@@ -165,9 +165,10 @@ def switching(
         def part(fraction: float, text: str = "", share: float = share) -> None:
             update(share + 0.3 * fraction, text)
 
-        rates.append(bounded_rate(families, low, high, joining, coordinates, wanted, update=part, degrees=degrees))
+        joined = replace(sought, joining=joining)
+        rates.append(bounded_rate(joined, coordinates, wanted, update=part, degrees=degrees))
         update(share + 0.3, f"sudden changes, mass {joining.replace('_', ' ')}")
-        sudden.append(sudden_change(families, low, high, joining, coordinates))
+        sudden.append(sudden_change(joined, coordinates))
     return result(stages, common, rates, sudden)
 
 
@@ -240,6 +241,7 @@ def _head(status: Status) -> str:
 
 
 KIND = "beamdesign.stages"
+_DWELL = "dwell_s factor decay_per_s"
 
 
 def stages_certificate(prototype: Prototype, found: Switching, summary: str) -> str:
@@ -269,7 +271,8 @@ def _claims(found: Switching) -> Iterator[Tables]:
     if stages.kind == "any_time" and stages.functions:
         yield _claim("stage_change", low, high) | _function(stages.coefficients)
     if stages.kind == "dwell":
-        yield _claim("stage_dwell", low, high, **_dwell(stages)) | {"stage": [_function(p) for p in stages.functions]}
+        claim = _claim("stage_dwell", low, high, **picked(stages, _DWELL))
+        yield claim | {"stage": [_function(p) for p in stages.functions]}
     if common.proved_up_to_kg is not None:
         yield _claim("any_change", low, exact(common.proved_up_to_kg)) | _function(common.coefficients)
     for rate in found.rates:
@@ -278,18 +281,13 @@ def _claims(found: Switching) -> Iterator[Tables]:
             yield claim | {"joining": rate.joining} | _function(rate.coefficients)
     for sudden in found.sudden:
         if sudden.kind == "dwell":
-            claim = _claim("payload_jumps", low, high, **_dwell(sudden))
+            claim = _claim("payload_jumps", low, high, **picked(sudden, _DWELL))
             yield claim | {"joining": sudden.joining} | _function(sudden.coefficients)
 
 
 def _claim(kind: str, low: fmpq, high: fmpq, **figures: fmpq) -> Tables:
     named = {name: text(value) for name, value in figures.items()}
     return {"kind": kind, "outer_end_mass_kg": texts((low, high))} | named
-
-
-def _dwell(course: Course) -> dict[str, fmpq]:
-    assert course.dwell_s is not None  # it is proved
-    return {"dwell_s": course.dwell_s, "factor": course.factor, "decay_per_s": course.decay_per_s}
 
 
 def _function(coefficients: Sequence[fmpq_mat]) -> Tables:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
+from flint import arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
@@ -25,8 +25,6 @@ from beamdesign.polynomial import Affine, exact, nearest
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-
-Row = list[fmpq]
 
 
 @dataclass(frozen=True)
@@ -68,20 +66,9 @@ class MassFamily:
         return self.fixed + self.inertial * (1 / (self.bare_mass + outer_end_mass))
 
     def characteristic(self) -> Affine:
-        """(bare_mass + m) det(sI - A(m)), affine in m since m enters one row of A.
-
-        Raises:
-            ValueError: where it is not affine in m.
-        """
-
-        def value(mass: int) -> fmpq_poly:
-            return self.at(fmpq(mass)).charpoly() * (self.bare_mass + mass)
-
-        constant = value(0)
-        slope = value(1) - constant
-        if value(2) != constant + 2 * slope:
-            raise ValueError("the characteristic polynomial of this family is not affine in the mass")
-        return Affine(constant, slope)
+        """(bare_mass + m) det(sI - A(m)), affine in m since m enters one row of A."""
+        at_none, at_one = (self.at(fmpq(mass)).charpoly() * (self.bare_mass + mass) for mass in (0, 1))
+        return Affine(at_none, at_one - at_none)
 
 
 Families = Sequence[MassFamily]
@@ -156,48 +143,47 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFa
     assert lag is not None
     order = n + 2 * len(sections) + 1
     none = [fmpq(0)] * (order - n)
-    rows = [[*row, *none[1:], driven[i, 1]] for i, row in enumerate(free.tolist())] + [[fmpq(0)] * order for _ in none]
-    signal = [-sensed[1, j] for j in range(n)] + none
+    rows = [fmpq_mat([[*row, *none[1:], driven[i, 1]]]) for i, row in enumerate(free.tolist())]
+    rows += [fmpq_mat(1, order)] * (order - n)
+    state = [fmpq_mat([_unit(order, place)]) for place in range(order)]
+    signal = fmpq_mat([[-sensed[1, j] for j in range(n)] + none])
     slope = _derivative(signal, rows, velocity)
     curvature = _derivative(slope, rows, velocity) if sections else slope  # which only sections look at
     for k, section in enumerate(sections):
         zero, pole = exact(2 * pi * section.zero_Hz), exact(2 * pi * section.pole_Hz)
         zeta, own = exact(section.zero_damping_ratio), exact(section.pole_damping_ratio)
-        out, moving = _unit(order, n + 2 * k), _unit(order, n + 2 * k + 1)
-        bent = [
-            pole**2 * (s + 2 * zeta * r / zero + c / zero**2 - o) - 2 * own * pole * v
-            for s, r, c, o, v in zip(signal, slope, curvature, out, moving, strict=True)
-        ]
+        out, moving = state[n + 2 * k : n + 2 * k + 2]
+        wanted = signal + slope * (2 * zeta / zero) + curvature * (1 / zero**2)
+        bent = (wanted - out) * pole**2 - moving * (2 * own * pole)
         rows[n + 2 * k], rows[n + 2 * k + 1] = moving, bent
         signal, slope, curvature = out, moving, bent
     gain, upper, lower = exact(law.gain_A_per_V), exact(2 * pi * lag.zero_Hz), exact(2 * pi * lag.pole_Hz)
-    current = _unit(order, order - 1)
-    rows[order - 1] = [
-        lower * (gain * s - i) + gain * lower / upper * r for s, r, i in zip(signal, slope, current, strict=True)
-    ]
-
+    rows[-1] = (signal * gain - state[-1]) * lower + slope * (gain * lower / upper)
     more = [f"section_{k + 1}_{name}" for k in range(len(sections)) for name in ("V", "V_per_s")]
-    return _family(fmpq_mat(rows), velocity, bare_mass, (*rig.states, *more, "current_A"))
+    return _family(_stacked(rows), velocity, bare_mass, (*rig.states, *more, "current_A"))
 
 
-def _derivative(signal: Row, rows: Sequence[Row], velocity: int) -> Row:
+def _derivative(signal: fmpq_mat, rows: Sequence[fmpq_mat], velocity: int) -> fmpq_mat:
     """The rate of a linear function of the states."""
-    if signal[velocity] != 0:
+    if signal[0, velocity] != 0:
         raise ValueError(
             "second-order sections need a filter before them (sensor.filter_Hz): without one they feel the"
             " acceleration of the tip, which jumps with the mass"
         )
-    return (fmpq_mat([signal]) * fmpq_mat(rows)).entries()
+    return signal * _stacked(rows)
 
 
-def _unit(order: int, place: int) -> Row:
+def _stacked(rows: Sequence[fmpq_mat]) -> fmpq_mat:
+    return fmpq_mat([row.entries() for row in rows])
+
+
+def _unit(order: int, place: int) -> list[fmpq]:
     return [fmpq(int(j == place)) for j in range(order)]
 
 
 def floats(matrix: fmpq_mat) -> np.ndarray:
     """The nearest floats of a rational matrix."""
-    found = np.array([[int(entry.p) / int(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
-    return found.reshape(matrix.nrows(), matrix.ncols())
+    return np.array([*map(nearest, matrix.entries())]).reshape(matrix.nrows(), matrix.ncols())
 
 
 def rationals(matrix: np.ndarray) -> fmpq_mat:
@@ -255,11 +241,7 @@ class Frozen:
 
 
 def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
-    """Decide the stability of all masses and stages that stay.
-
-    Raises:
-        ValueError: for a family whose characteristic polynomial is not affine in the mass.
-    """
+    """Decide the stability of all masses and stages that stay."""
     for k, family in enumerate(families):
         found = stable_ranges(family.characteristic(), low, high)
         if found.reason:

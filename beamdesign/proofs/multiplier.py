@@ -39,7 +39,7 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import Affine, inner, is_hurwitz, nearest, text
-from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
+from beamdesign.proofs.quadratic import Coefficients, first_negative, less, over_mass
 from beamdesign.proofs.read_once import Expression
 from beamdesign.proofs.statement import UNKNOWN, Statement
 from beamdesign.proofs.value_set import with_unknown
@@ -155,7 +155,7 @@ def slack(multiplier: Multiplier, closed: Affine, denominator: Affine, margin: f
 
 def fits(multiplier: Multiplier, closed: Affine, denominator: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
     """Whether Re[M p / D] is at least a margin at every mass (kg) and frequency."""
-    return quadratic_nonnegative(*slack(multiplier, closed, denominator, margin), low, high, _NONE, None).holds
+    return first_negative(slack(multiplier, closed, denominator, margin), low, high) is None
 
 
 # Over a box, as zero exclusion.

@@ -2,7 +2,7 @@
 
 Six claims: compliance up to a bandwidth, peak sensitivity, loop gain above a frequency, controller effort, decay rate,
 gain margin. The first four are magnitudes |above / below| that stay within a limit: inequalities quadratic in the mass
-(see `quadratic_nonnegative`); the other two are stability of related families. Each presupposes that the loop is stable
+(see `first_negative`); the other two are stability of related families. Each presupposes that the loop is stable
 over the range, which is proved first. For magnitudes there is the inverse question as well: the best figure that can be
 proved, rounded to the safe side.
 """
@@ -21,13 +21,7 @@ from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, at_points, exact, nearest, ratio, roots, shortened
 from beamdesign.proofs.arm import PlaneLoop
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
-from beamdesign.proofs.quadratic import (
-    Coefficients,
-    kept_up_to_Hz,
-    magnitude_slack,
-    quadratic_nonnegative,
-    squared_frequency,
-)
+from beamdesign.proofs.quadratic import Coefficients, first_negative, kept_up_to_Hz, magnitude_slack, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import Unstable, unstable_at
 
@@ -43,35 +37,28 @@ Closed = Loop | PlaneLoop
 """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
 
-class Magnitude(NamedTuple):
-    """Names of the polynomials of |above / below|, and its symbol."""
-
-    above: str
-    below: str
-    symbol: str
-
-
-MAGNITUDES: dict[Kind, Magnitude] = {
-    "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
-    "peak_compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
-    "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
-    "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
-    "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
-    "loop_gain": Magnitude("loop_numerator", "loop_denominator", "|L|"),
-    "controller_effort": Magnitude("effort_numerator", "characteristic", "|C S|"),
+MAGNITUDES: dict[Kind, tuple[str, str, str]] = {
+    "compliance": ("|x/F_d|", "disturbance", "characteristic"),
+    "peak_compliance": ("|x/F_d|", "disturbance", "characteristic"),
+    "tip_compliance": ("|x/F_d|", "tip", "characteristic"),
+    "load_compliance": ("|x/F_d|", "load", "characteristic"),
+    "peak_sensitivity": ("|1/(1+L)|", "loop_denominator", "characteristic"),
+    "loop_gain": ("|L|", "loop_numerator", "loop_denominator"),
+    "controller_effort": ("|C S|", "effort_numerator", "characteristic"),
 }
+"""The symbol of each, and the names of numerator and denominator."""
 
 
 def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
-    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit.
+    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit."""
+    above, below = _quotient(kind, loop)
+    return magnitude_slack(limit, below, above)
 
-    Raises:
-        ValueError: for the effort of a loop whose controller is not known.
-    """
-    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
-    if above is None:
-        raise ValueError("the controller of this loop is not known apart from its plant")
-    return magnitude_slack(limit, below, Affine(above, _NONE) if isinstance(above, fmpq_poly) else above)
+
+def _quotient(kind: Kind, loop: Closed) -> tuple[Affine, Affine]:
+    """Numerator and denominator of a loop's magnitude."""
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][1:])
+    return (Affine(above, _NONE) if isinstance(above, fmpq_poly) else above), below
 
 
 # Claims proved or refuted.
@@ -113,14 +100,12 @@ def _exceeded(side: Side, asked: Asked, limit: fmpq) -> Unstable | None:
     start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
     bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
     until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
-    found = quadratic_nonnegative(*slack(asked.kind, side.loop, limit), side.low, side.high, start, until).witness
+    found = first_negative(slack(asked.kind, side.loop, limit), side.low, side.high, start, until)
     if found is None:
         return None
-    value, square = found
-    frequency = sqrt(nearest(square)) / (2 * pi)
-    symbol = MAGNITUDES[asked.kind].symbol
-    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(value):.6g} kg"
-    return Unstable(value, True, frequency, reason, square)
+    frequency, symbol = sqrt(nearest(found.x)) / (2 * pi), MAGNITUDES[asked.kind][0]
+    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(found.mass):.6g} kg"
+    return Unstable(found.mass, True, frequency, reason, found.x)
 
 
 def _decays_slowly(side: Side, rate: fmpq) -> Unstable | None:
@@ -216,7 +201,7 @@ def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.
 def keeps(kind: Kind, loop: Closed, limit: fmpq, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> bool:
     """Whether a magnitude of a loop that is stable keeps a limit, at every frequency or from one up."""
     start = squared_frequency(exact(from_Hz))[0]
-    return quadratic_nonnegative(*slack(kind, loop, limit), *ends, start, None).holds
+    return first_negative(slack(kind, loop, limit), *ends, start) is None
 
 
 def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0, goal: float = inf) -> float:
@@ -225,12 +210,10 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
     Where that rounding would pass a goal which is itself proved, it is the goal, so that a design that was tuned up to
     its goal is not told to be beyond it.
     """
-    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
-    above = Affine(above, _NONE) if isinstance(above, fmpq_poly) else above
     if kind == "peak_sensitivity":
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
-        start = sampled_ratio(above, below, from_Hz, *ends)
+        start = sampled_ratio(*_quotient(kind, loop), from_Hz, *ends)
     found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz))
     rounded = goal < found <= goal * (1 + 10 * _RELATIVE_STEP)
     return goal if rounded and keeps(kind, loop, exact(goal), ends, from_Hz) else found

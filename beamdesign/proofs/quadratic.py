@@ -1,9 +1,9 @@
 """Quadratics in the mass, their coefficients polynomials in x = w^2, and proof that one is nowhere negative."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import inf, prod
+from typing import NamedTuple
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
@@ -11,6 +11,7 @@ from beamdesign.polynomial import Affine, bounds, inner, nearest, real_roots, sh
 
 Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
 """Of m^2, m and 1, polynomials in x = w^2."""
+_ZERO = fmpq(0)
 
 
 def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
@@ -33,25 +34,18 @@ def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Co
 # Proof that one is nowhere negative.
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Outcome of `quadratic_nonnegative`.
+class Negative(NamedTuple):
+    """A mass and an x at which a quadratic is negative, and an x up to which it is proved not to be."""
 
-    Attributes:
-        holds: whether the inequality is proved for the whole rectangle.
-        holds_to: where it does not hold, an x up to which it is proved all the same.
-        witness: where it does not hold, a mass and an x at which the quadratic is negative.
-    """
-
-    holds: bool
-    holds_to: fmpq | None = None
-    witness: tuple[fmpq, fmpq] | None = None
+    mass: fmpq
+    x: fmpq
+    proved_to: fmpq
 
 
-def quadratic_nonnegative(
-    a: fmpq_poly, b: fmpq_poly, c: fmpq_poly, low: fmpq, high: fmpq, x_low: fmpq, x_high: fmpq | None
-) -> Verdict:
-    """Decide whether a m^2 + b m + c >= 0 for all masses m in [low, high] and all x in [x_low, x_high].
+def first_negative(
+    quadratic: Coefficients, low: fmpq, high: fmpq, x_low: fmpq = _ZERO, x_high: fmpq | None = None
+) -> Negative | None:
+    """Decide whether a m^2 + b m + c >= 0 for all masses m in [low, high] and all x in [x_low, x_high]: None if it is.
 
     The real roots in x of the quadratic's values at both masses and of its discriminant cut the interval into open
     cells. Inside one, both values keep their signs. Where both are positive, the real roots in m are none, or two
@@ -59,20 +53,17 @@ def quadratic_nonnegative(
     from infinity would have to pass one. So one rational point settles each cell, and the ends follow by continuity.
 
     Args:
-        a: coefficient of m^2, a polynomial in x.
-        b: coefficient of m.
-        c: constant coefficient.
+        quadratic: a, b and c, polynomials in x.
         low: least mass.
         high: largest mass.
         x_low: least squared frequency, (rad/s)^2.
         x_high: largest one, None for infinity.
     """
-    dividers = _dividers(a, b, c, low, high)
-    for settled, sample in _cells(dividers, x_low, x_high):
-        mass = _negative_at(a(sample), b(sample), c(sample), low, high)
-        if mass is not None:
-            return Verdict(False, settled, (mass, sample))
-    return Verdict(True)
+    a, b, c = quadratic
+    for settled, sample in _cells(_dividers(a, b, c, low, high), x_low, x_high):
+        if (mass := _negative_at(a(sample), b(sample), c(sample), low, high)) is not None:
+            return Negative(mass, sample, settled)
+    return None
 
 
 def _dividers(a: fmpq_poly, b: fmpq_poly, c: fmpq_poly, low: fmpq, high: fmpq) -> list[fmpq_poly]:
@@ -147,11 +138,10 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
 
     It comes from the cell in which it first is; everything up to there is proved by the same cells.
     """
-    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
-    if verdict.holds_to is None:
+    if (negative := first_negative(slack, low, high)) is None:
         return inf
     # A little less, so that its square is not beyond that either where rounding eats nothing.
-    return nearest(shortened(frequency_below(verdict.holds_to) * (1 - fmpq(1, 10**30)), 7))
+    return nearest(shortened(frequency_of(negative.proved_to)[0] * (1 - fmpq(1, 10**30)), 7))
 
 
 def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
@@ -160,9 +150,7 @@ def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
         return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
 
 
-def frequency_below(squared_frequency: fmpq) -> fmpq:
-    """A rational at or just below sqrt(x) / (2 pi), Hz."""
-    if squared_frequency <= 0:
-        return fmpq(0)
+def frequency_of(squared_frequency: fmpq) -> tuple[fmpq, fmpq]:
+    """Rationals at or just below, and at or just above, sqrt(x) / (2 pi), Hz; zero for what is not positive."""
     with ctx.workprec(128):
-        return bounds(arb(squared_frequency).sqrt() / (2 * arb.pi()))[0]
+        return bounds(arb(max(squared_frequency, _ZERO)).sqrt() / (2 * arb.pi()))

@@ -10,7 +10,7 @@ polynomial alone, whatever it is of:
 - where that ends, leaves are bound: enumerated, and constants to the rest. As few as will do are sought.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -93,6 +93,16 @@ def _numbers(names: Sequence[str]) -> dict[str | int, int | fmpz | fmpq]:
     return {name: 1009 + 2 * k for k, name in enumerate(names)}
 
 
+def _together(names: Iterable[str], by: Callable[[str], object]) -> list[list[str]]:
+    """Names in groups that are alike by what is made of each, without those that stand alone."""
+    alike: list[tuple[object, list[str]]] = []
+    for name in names:
+        key = by(name)
+        found = next((those for known, those in alike if known == key), None)
+        alike.append((key, [name])) if found is None else found.append(name)
+    return [those for _, those in alike if len(those) > 1]
+
+
 class _Form:
     """A polynomial p in variables, of which each stands for a group of parameters, for a leaf, or for itself.
 
@@ -127,17 +137,10 @@ class _Form:
 
     def _group(self, kind: str, by: Callable[[str], object]) -> None:
         """Let one parameter stand for all that are alike."""
-        alike: list[tuple[object, list[str]]] = []
-        for name in self.names:
-            if name not in self.groups:
-                key = by(name)
-                found = next((names for known, names in alike if known == key), None)
-                alike.append((key, [name])) if found is None else found.append(name)
-        for _, (first, *others) in alike:
-            if others:
-                self.groups[first] = (kind, (first, *others))
-                self.names = [name for name in self.names if name not in others]
-                self.p = self.p.subs({name: int(kind == "product") for name in others})
+        for first, *others in _together([name for name in self.names if name not in self.groups], by):
+            self.groups[first] = (kind, (first, *others))
+            self.names = [name for name in self.names if name not in others]
+            self.p = self.p.subs({name: int(kind == "product") for name in others})
 
     def _turn(self) -> None:
         """Take the reciprocal of a parameter where fewer terms then have it, and away a monomial that all have."""
@@ -154,15 +157,7 @@ class _Form:
 
     def _gather(self) -> None:
         """Let leaves take variables: those that enter alike but for powers of s, and those that only go with one."""
-        alike: list[tuple[fmpq_mpoly, list[str]]] = []
-        for name in [name for name in self.names if self.degree(self.p, name) == 1]:
-            slope = self._slope(name)
-            found = next((names for known, names in alike if known == slope), None)
-            if found is None or any(self.degree(slope, other) for other in found):
-                alike.append((slope, [name]))
-            else:
-                found.append(name)
-        for names in [names for _, names in alike if len(names) > 1]:
+        for names in _together([name for name in self.names if self.degree(self.p, name) == 1], self._slope):
             slope = self._slope(names[0])
             leaf = sum((self.variable(name) * divmod(self.p.derivative(name), slope)[0] for name in names), 0 * slope)
             self._take(names, leaf, slope, self.p.subs(dict.fromkeys(names, 0)))

@@ -4,7 +4,7 @@ Over a rectangle of masses and factors it is decided on the rectangle's four sid
 
 The characteristic polynomial o(m) + g r is affine in the mass m and in the factor g, and they do not multiply each
 other: it is stable on the whole rectangle if it is on the sides (edge theorem of Bartlett, Hollot and Huang, 1988).
-With added sensors r depends on the mass; `unstable_inside` then looks inside.
+With added sensors r depends on the mass; `Rectangle.inside` then looks inside.
 
 The sides decide performance as well. At one frequency the map from (m, g) to o(m) + g r, the reciprocal of the
 compliance but for a factor, is affine to the complex plane: where it is one to one, the interior of the rectangle goes
@@ -49,13 +49,14 @@ from beamdesign.polynomial import (
     value_at,
 )
 from beamdesign.proofs.stability import is_stable_over, unstable_at
-from beamdesign.proofs.statement import Interval
 from beamdesign.prototype import Prototype
 
-# What is not stable inside a rectangle of masses m and factors g that multiply each other.
+# The rectangle of masses m and factors g, and its sides.
 
 
 _HALVINGS = 16
+_ZERO = fmpq_poly([0])
+_ONE = fmpq(1)
 
 
 @dataclass(frozen=True)
@@ -73,42 +74,6 @@ class Inside:
     factor: float
     frequency_Hz: float
     decided: bool = True
-
-
-def unstable_inside(
-    denominator: Affine, numerator: Affine, masses: Interval, factors: Interval, halvings: int = _HALVINGS
-) -> Inside | None:
-    """A point inside a rectangle at which denominator + g numerator is not stable; None if it is stable throughout.
-
-    Args:
-        denominator: over the mass.
-        numerator: likewise.
-        masses: least and largest.
-        factors: least and largest; all four sides are stable.
-        halvings: after which it is left undecided.
-    """
-    if masses[0] == masses[1] or factors[0] == factors[1] or numerator.slope.is_zero():
-        return None  # the sides decide
-    (a, b), (c, d) = ([(denominator + numerator * g).at(mass) for g in factors] for mass in masses)
-    if all(is_stable_over(Affine(one, other - one), fmpq(0), _ONE) for one, other in ((a, d), (b, c))):
-        return None
-    mass, factor = (sum(ends, fmpq(0)) / 2 for ends in (masses, factors))
-    if not halvings:
-        return Inside(nearest(mass), nearest(factor), nan, decided=False)
-    if (there := unstable_at(denominator + numerator * factor, *masses)) is not None:
-        return Inside(nearest(there.value), nearest(factor), there.frequency_Hz)
-    if (there := unstable_at(Affine(denominator.at(mass), numerator.at(mass)), *factors)) is not None:
-        return Inside(nearest(mass), nearest(there.value), there.frequency_Hz)
-    parts = product(((masses[0], mass), (mass, masses[1])), ((factors[0], factor), (factor, factors[1])))
-    found = (unstable_inside(denominator, numerator, *part, halvings - 1) for part in parts)
-    return next((one for one in found if one is not None), None)
-
-
-# The rectangle and its sides.
-
-
-_ZERO = fmpq_poly([0])
-_ONE = fmpq(1)
 
 
 @dataclass(frozen=True)
@@ -187,12 +152,30 @@ class Rectangle:
         """A side that is not stable throughout, None where all are."""
         return next((side for side in self.sides() if not side.stable), None)
 
-    def inside(self, rate: fmpq | None = None) -> Inside | None:
-        """A point inside that is not stable, or decays no faster than a rate, where the sides do; None if none is."""
+    def inside(self, rate: fmpq | None = None, halvings: int = _HALVINGS) -> Inside | None:
+        """A point inside that is not stable, or decays no faster than a rate, where the sides do; None if none is.
+
+        After so many halvings it is left undecided.
+        """
         denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
         if rate is not None:
             denominator, numerator = shifted(denominator, rate), shifted(numerator, rate)
-        return unstable_inside(denominator, numerator, (self.low, self.high), (self.least, self.most))
+        masses, factors = (self.low, self.high), (self.least, self.most)
+        if masses[0] == masses[1] or factors[0] == factors[1] or numerator.slope.is_zero():
+            return None  # the sides decide
+        (a, b), (c, d) = ([(denominator + numerator * g).at(mass) for g in factors] for mass in masses)
+        if all(is_stable_over(Affine(one, other - one), fmpq(0), _ONE) for one, other in ((a, d), (b, c))):
+            return None
+        mass, factor = (sum(ends, fmpq(0)) / 2 for ends in (masses, factors))
+        if not halvings:
+            return Inside(nearest(mass), nearest(factor), nan, decided=False)
+        if (there := unstable_at(denominator + numerator * factor, *masses)) is not None:
+            return Inside(nearest(there.value), nearest(factor), there.frequency_Hz)
+        if (there := unstable_at(Affine(denominator.at(mass), numerator.at(mass)), *factors)) is not None:
+            return Inside(nearest(mass), nearest(there.value), there.frequency_Hz)
+        parts = product(((self.low, mass), (mass, self.high)), ((self.least, factor), (factor, self.most)))
+        found = (Rectangle(self.loop, *ends, *gains).inside(rate, halvings - 1) for ends, gains in parts)
+        return next((one for one in found if one is not None), None)
 
     @property
     def stable(self) -> bool:

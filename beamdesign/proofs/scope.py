@@ -9,6 +9,7 @@ compliance, or stability itself, is a claim about larger motion alone (`beamdesi
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
+from functools import cached_property
 
 from flint import fmpq
 
@@ -26,13 +27,17 @@ NONE_KNOWN = "none"
 
 @dataclass(frozen=True)
 class Members:
-    """All linear members of a prototype as loops at the largest factor on their gain, over a range of masses, kg."""
+    """All linear members of a prototype over a range of masses, kg."""
 
     prototype: Prototype
     found: LinearFamily
-    loops: tuple[Loop, ...]
     low: fmpq
     high: fmpq
+
+    @cached_property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loop of each at the largest factor on its gain."""
+        return tuple(at_most(self.prototype, member) for member in self.found.members)
 
     def frozen(self, count: int, moving: Collection[str]) -> str:
         """What some of the loops are beside what moves, in words with a blank before them; empty where nothing is.
@@ -52,15 +57,12 @@ def unraised(found: LinearFamily, moving: Collection[str]) -> str:
 
 
 def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
-    """The loops of a prototype.
+    """Those of a prototype; what asks for their loops raises a ValueError where it has no controller.
 
     Raises:
-        ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    found = family(prototype, high_kg)
-    loops = tuple(at_most(prototype, member) for member in found.members)
-    return Members(prototype, found, loops, exact(low_kg), exact(high_kg))
+    return Members(prototype, family(prototype, high_kg), exact(low_kg), exact(high_kg))
 
 
 def scope(prototype: Prototype, found: LinearFamily) -> str:

@@ -130,9 +130,9 @@ def stable_ranges(family: Affine, low: fmpq, high: fmpq, precision_bits: int = 6
         reason = "a root lies on the imaginary axis at every mass"
         return StabilityMap(low, high, (), (lone,), None, None, reason)
     groups = _located(family, low, high, precision_bits)
-    inside = [group for group in groups if _place(group[0], low, high) == 0]
-    below = [group[-1] for group in groups if _place(group[0], low, high) < 0]
-    above = [group[0] for group in groups if _place(group[0], low, high) > 0]
+    below = [group[-1] for group in groups if group[0].ends[1] < low]
+    above = [group[0] for group in groups if group[0].ends[0] > high]
+    inside = groups[len(below) : len(groups) - len(above)]
     parts, beside = _split(family, low, high, inside), (below[-1] if below else None, above[0] if above else None)
     return StabilityMap(low, high, tuple(map(tuple, inside)), tuple(parts), *beside, in_words(parts, [*chain(*inside)]))
 
@@ -169,12 +169,6 @@ def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
         masses = ", ".join(dict.fromkeys(f"{crossing.value:.7g} kg" for crossing in listed))
         return f"a root lies on the imaginary axis or at infinity at {masses}"
     return ""
-
-
-def _place(crossing: Crossing, low: fmpq, high: fmpq) -> int:
-    """Below (-1), inside (0) or above (1) the range, for a crossing that was located against its ends."""
-    least, most = crossing.ends
-    return -1 if most < low else 1 if least > high else 0
 
 
 _MOST_BITS = 1024

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 import tomli_w
-from flint import arb, ctx, fmpq, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly_ctx
 from flint.utils.flint_exceptions import DomainError
 
 from beamdesign.parameters import PARAMETERS, rows_of
@@ -19,6 +19,7 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span
 from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
+from beamdesign.proofs.quadratic import frequency_of
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Record
@@ -248,7 +249,8 @@ def stability_table(stability: StabilityMap) -> Tables:
             entry: Tables = {"outer_end_mass_kg": texts(pair), "squared_frequency": "infinite"}
             if crossing.finite:
                 square = _decimals(*bounds(crossing.squared_frequency), STABILITY_DIGITS)
-                entry |= {"squared_frequency": texts(square), "frequency_Hz": texts(_frequencies(square))}
+                hertz = _decimals(frequency_of(square[0])[0], frequency_of(square[1])[1], STABILITY_DIGITS)
+                entry |= {"squared_frequency": texts(square), "frequency_Hz": texts(hertz)}
             crossings.append(entry)
     reach = _beyond(stability) if stability.stable else {}
     return {"stable": stability.stable, **reach, "range": ranges, "crossing": crossings}
@@ -304,15 +306,6 @@ def _decimals(low: fmpq, high: fmpq, digits: int) -> tuple[fmpq, fmpq]:
     if low == high and "/" not in text(low):
         return low, high
     return shortened(low, digits), shortened(high, digits, up=True)
-
-
-def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
-    """Decimals around sqrt(x) / (2 pi) for x in an enclosure."""
-    if square == (0, 0):
-        return fmpq(0), fmpq(0)
-    with ctx.workprec(128):
-        low, high = (bounds(arb(value).sqrt() / (2 * arb.pi())) for value in square)
-    return _decimals(low[0], high[1], STABILITY_DIGITS)
 
 
 # The text.

@@ -60,12 +60,11 @@ class BothPlanes:
     def motions(self) -> fmpq_mat:
         """Motion of the payload's centre in x, y, z per u_y, u_z and phi, (3, 3)."""
         zero = fmpq(0)
-        rows = [
+        return fmpq_mat([
             [-self.y.along, -self.z.along, zero],
             [self.y.travel, zero, self.y.lever],
             [zero, self.z.travel, self.z.lever],
-        ]
-        return fmpq_mat(3, 3, [entry for row in rows for entry in row])
+        ])  # fmt: skip
 
     @property
     def sensed(self) -> fmpq_mat:
