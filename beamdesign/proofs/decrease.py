@@ -196,9 +196,11 @@ Change = tuple[fmpq_mat, fmpq_mat]
 def changes_of_payload(sought: Sought, coefficients: Sequence[fmpq_mat]) -> list[Change]:
     """The extremes of sudden changes between any two masses of the range.
 
-    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity that is left and, as P is to be affine in m,
-    affine in both masses: the extremes suffice. All r are allowed for all pairs of masses, which is more than can
-    happen.
+    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity that is left and, for P affine in m, affine in
+    both masses: the extremes suffice. All r are allowed for all pairs of masses, which is more than can happen.
+
+    Raises:
+        ValueError: where P(m) is of higher degree than one.
     """
     family = sought.families[0]
     least = (family.bare_mass + sought.low) / (family.bare_mass + sought.high)
@@ -208,12 +210,18 @@ def changes_of_payload(sought: Sought, coefficients: Sequence[fmpq_mat]) -> list
 
 
 def changes_of_stage(sought: Sought, functions: Sequence[Sequence[fmpq_mat]]) -> list[Change]:
-    """The extremes of changes between any two stages, each with its own P(m) affine in m, at a mass that stays."""
+    """The extremes of changes between any two stages, each with its own P(m) affine in m, at a mass that stays.
+
+    Raises:
+        ValueError: where some P(m) is of higher degree than one.
+    """
     pairs = permutations((_at_ends(sought, function) for function in functions), 2)
     return [change for before, after in pairs for change in zip(before, after, strict=True)]
 
 
 def _at_ends(sought: Sought, coefficients: Sequence[fmpq_mat]) -> list[fmpq_mat]:
+    if len(coefficients) > 2:
+        raise ValueError("jumps are settled for P affine in m alone")
     masses = sought.low, sought.high
     return [sum((p * m**k for k, p in enumerate(coefficients)), coefficients[0] * 0) for m in masses]
 

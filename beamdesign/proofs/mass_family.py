@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq, fmpq_mat
+from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
@@ -66,9 +66,20 @@ class MassFamily:
         return self.fixed + self.inertial * (1 / (self.bare_mass + outer_end_mass))
 
     def characteristic(self) -> Affine:
-        """(bare_mass + m) det(sI - A(m)), affine in m since m enters one row of A."""
-        at_none, at_one = (self.at(fmpq(mass)).charpoly() * (self.bare_mass + mass) for mass in (0, 1))
-        return Affine(at_none, at_one - at_none)
+        """(bare_mass + m) det(sI - A(m)), affine in m since m enters one row of A.
+
+        Raises:
+            ValueError: where it is not affine in m.
+        """
+
+        def value(mass: int) -> fmpq_poly:
+            return self.at(fmpq(mass)).charpoly() * (self.bare_mass + mass)
+
+        constant = value(0)
+        slope = value(1) - constant
+        if value(2) != constant + 2 * slope:
+            raise ValueError("the characteristic polynomial of this family is not affine in the mass")
+        return Affine(constant, slope)
 
 
 Families = Sequence[MassFamily]
@@ -241,7 +252,11 @@ class Frozen:
 
 
 def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
-    """Decide the stability of all masses and stages that stay."""
+    """Decide the stability of all masses and stages that stay.
+
+    Raises:
+        ValueError: for a family whose characteristic polynomial is not affine in the mass.
+    """
     for k, family in enumerate(families):
         found = stable_ranges(family.characteristic(), low, high)
         if found.reason:

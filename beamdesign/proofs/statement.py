@@ -184,7 +184,7 @@ class PolynomialFamily:
         values: each parameter's value where no box says otherwise.
         leaves: polynomials in s and in parameters or their reciprocals, by name.
         bound: leaves that stand in several places, in packs that are enumerated together.
-        delays: a name that stands for exp(-s T), with the parameter T, if there is one.
+        delays: names that stand for exp(-s T), with the parameter T of each.
         groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
         positive: parameters that cannot be negative.
         circles: unknowns that are anywhere on a circle.
@@ -269,12 +269,16 @@ class Statement:
         self.body = _structure(_parsed(p), self.leaves, delays, enumerated, self.circles)
         self.divisors = family.divisors
         self.summands = _divided(self.body, self.divisors)
+        if len(delays) > 1:
+            raise ValueError("there may be one delay")
         self.delay = next(iter(delays.values()), None)
         self.parameters = dict(parameters)
         self.ranges = self.merged(self.parameters) | dict.fromkeys(self.circles, (fmpq(0), fmpq(1)))
         terms = [term for leaf in self.leaves.values() for term in leaf]
         signs = {(name, power > 0) for term in terms for name, power in term.powers.items()}
         signs |= {(self.delay, True)} if self.delay is not None else set()
+        if unknown := sorted({name for name, _ in signs} - set(self.ranges)):
+            raise ValueError(f"no range for {', '.join(unknown)}")
         self.reciprocal = {name for name, positive in signs if not positive}
         for name in self.reciprocal:
             if (name, True) in signs or not self.ranges[name][0] > 0:
@@ -294,7 +298,11 @@ class Statement:
     def merged(self, parameters: Mapping[str, Interval]) -> dict[str, Interval]:
         """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
         ranges = dict(parameters)
+        if empty := [name for name, (low, high) in ranges.items() if low > high]:
+            raise ValueError(f"empty range of {', '.join(empty)}")
         for name, kind, members in self.groups:
+            if kind not in ("sum", "product") or name in ranges or set(members) - set(ranges):
+                raise ValueError(f"not a group: {name}")
             low, high = ranges.pop(members[0])
             for member in members[1:]:
                 a, b = ranges.pop(member)
