@@ -20,7 +20,7 @@ from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
-from beamdesign.proofs.certifying import certify, guaranteed_by_all
+from beamdesign.proofs.certifying import certify, worst_of
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import box_with_effects
@@ -283,8 +283,8 @@ def specification_of(run: DesignRun) -> Specification:
 
 def _with_ratings(found: Specification) -> Specification:
     """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
-    reached, stated = guaranteed_by_all(found.prototype.stages(found.masses_kg)), found.prototype.guarantee
-    assert reached is not None
+    each, stated = [law.certificate.guaranteed for law in found.laws], found.prototype.guarantee
+    reached = worst_of([one for one in each if one is not None])
     # Of a prototype that is promised for every rig within its tolerances the promise is rated, as `run` does.
     up_to_Hz = reached.bandwidth_Hz if stated is None else min(stated.bandwidth_Hz, reached.bandwidth_Hz)
     stock = stock_choices(found.prototype, found.masses_kg)

@@ -6,9 +6,8 @@ from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.certifying import common_ranges, rectangles
+from beamdesign.proofs.certifying import over_masses
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
@@ -98,12 +97,10 @@ def performance_of_all(stages: Iterable[InStage]) -> Performance:
     """The worst with each law over its own payloads: of what `certify` proves these figures alone."""
     found = []
     for stage in stages:
-        (low_kg, high_kg), goal = stage.outer_end_mass_kg, stage.prototype.goal
-        ends = exact(low_kg), exact(high_kg)
-        proved = rectangles(stage.prototype, family(stage.prototype, high_kg), *ends)
-        if not common_ranges([part.stable for part in proved], *ends).stable:
+        _, proved, stability = over_masses(stage.prototype, *stage.outer_end_mass_kg)
+        if not stability.stable:
             return None, None
-        performing = [part.performing for part in proved if part.performing is not None]
+        goal, performing = stage.prototype.goal, [part.performing for part in proved if part.performing is not None]
         peak = least_limit(performing, "peak_sensitivity", goal=goal.peak_sensitivity)
         found.append((bandwidth(performing, goal.compliance_m_per_N), peak))
     return min(hertz for hertz, _ in found), max(peak for _, peak in found)

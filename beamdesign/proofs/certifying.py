@@ -1,6 +1,6 @@
 """Certificates made: stability and claims of every linear member of a prototype decided, and the proof written."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import gcd, inf, lcm
 from operator import attrgetter
@@ -35,7 +35,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope, uncovered
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
-from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.prototype import Goal, Prototype
 from beamdesign.quantities import stated_range
 from beamdesign.records import InputError, Problem
 
@@ -53,23 +53,26 @@ class Proved:
     performing: Rectangle | None
 
 
-def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
-    """Each member's loop over masses and factors on the gain.
+def over_masses(prototype: Prototype, low_kg: float, high_kg: float) -> tuple[LinearFamily, list[Proved], StabilityMap]:
+    """Each member's loop over masses and factors on the gain, and at which of these masses all are stable.
 
     Raises:
-        InputError: for more members than are proved, or where mass and a gain that varies multiply each other.
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands, for more members than are proved, or where mass and a
+            gain that varies multiply each other.
     """
+    found, low, high = family(prototype, high_kg), exact(low_kg), exact(high_kg)
     refuse_unstated(prototype, found)
-    found_loops = []
+    proved = []
     for member in found.members:
         loop = member_loop(prototype, member)
         stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
         if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:
-            raise InputError(prototype.name, gain_and_mass(prototype, nearest(high)))
+            raise InputError(prototype.name, gain_and_mass(prototype, high_kg))
         performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
-        found_loops.append(Proved(member, stable, performing))
-    return found_loops
+        proved.append(Proved(member, stable, performing))
+    return found, proved, common_ranges([part.stable for part in proved], low, high)
 
 
 def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
@@ -204,15 +207,8 @@ def _closed(part: Range) -> tuple[fmpq, fmpq]:
 
 
 def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> StabilityMap:
-    """Where from `low_kg` to `high_kg` every linear member is stable: of `certify` the stability alone, not written.
-
-    Raises:
-        ValueError: without a controller.
-        InputError: for effects for which no linear loop stands.
-    """
-    low, high = exact(low_kg), exact(high_kg)
-    proved = rectangles(prototype, family(prototype, high_kg), low, high)
-    return common_ranges([part.stable for part in proved], low, high)
+    """Where from `low_kg` to `high_kg` every linear member is stable: of `certify` the stability alone, not written."""
+    return over_masses(prototype, low_kg, high_kg)[2]
 
 
 @takes("Prototype")
@@ -242,10 +238,7 @@ def certify(
         InputError: without a range, for masses that are not plausible, or for effects for which no linear loop stands.
     """
     low_kg, high_kg = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
-    low, high = exact(low_kg), exact(high_kg)
-    found = family(prototype, high_kg)
-    proved = rectangles(prototype, found, low, high)
-    stability = common_ranges([part.stable for part in proved], low, high)
+    found, proved, stability = over_masses(prototype, low_kg, high_kg)
     decided = [_decide(proved, asked) for asked in claims]
     guaranteed: Guaranteed | None = None
     reached: list[Claim] = []
@@ -257,7 +250,7 @@ def certify(
     summary = "\n".join([_summary(prototype, found, stability, written, nonlinear), *(row.line() for row in rows)])
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
     body: dict[str, Any] = {
-        "outer_end_mass_kg": [text(low), text(high)],
+        "outer_end_mass_kg": [text(stability.low), text(stability.high)],
         "stability": stability_table(stability) if alone else common_table(stability),
     }
     body |= {"claim": [claim.table(alone) for claim in written]} if written else {}
@@ -271,20 +264,14 @@ def certify(
     return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, *more)
 
 
-def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
-    """The worst of what is proved with each law over its own payloads; None where a loop is not stable."""
-    found = []
-    for stage in stages:
-        if (guaranteed := certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed) is None:
-            return None
-        found.append(guaranteed)
+def worst_of(found: Sequence[Guaranteed]) -> Guaranteed:
+    """The worst of what is proved with each of some laws."""
     worst: dict[str, Any] = {
         name: max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
         for name in ("loop_gain", "controller_effort_A_per_V")
     }
-    softest = max(found, key=attrgetter("peak_over_passive"))
     return replace(
-        softest,
+        max(found, key=attrgetter("peak_over_passive")),
         bandwidth_Hz=min(one.bandwidth_Hz for one in found),
         peak_sensitivity=max(one.peak_sensitivity for one in found),
         **worst,

@@ -36,8 +36,7 @@ from beamdesign.synthesis.checks import (
 )
 from beamdesign.synthesis.free_search import FreeOptimum, free_optimum, relax_free
 
-_ASKED = ("length_m", "free_length_m", "material")
-_GEOMETRY = ("width_m", "wall_m", *_ASKED)
+_GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 
 
 @dataclass(frozen=True)
@@ -332,24 +331,19 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
     asked = dict(prototype.sized_for or SizedFor())
     sizes, gaps, factors = ({name: asked[name] for name in of.model_fields} for of in (Sizes, Clearance, Safety))
     return DesignProblem(
-        name=prototype.name,
         load=Load(tip_force_N=tip_force_N),
         sections=Sections(choose="fixed", **sizes),
         clearance=Clearance(**gaps),
         safety=Safety(**factors),
         outer_beam=_asked_of(prototype.outer_beam),
         inner_beam=_asked_of(prototype.inner_beam),
-        actuator=prototype.actuator,
-        servovalve=prototype.servovalve,
-        sensor=prototype.sensor,
         payload=Payload(outer_end_mass_kg=prototype.payload.outer_end_mass_kg or (0.0, 0.0)),
-        goal=prototype.goal,
-        tolerance=prototype.tolerance,
+        **picked(prototype, "name actuator servovalve sensor goal tolerance"),
     )
 
 
 def _asked_of(beam: Beam) -> BeamProblem:
-    same = {key: getattr(beam, key) for key in (*_ASKED, "shape", "end_mass_kg", "damping_ratio")}
+    same = picked(beam, "length_m free_length_m material shape end_mass_kg damping_ratio")
     ratio = beam.tube.depth_over_width if beam.tube is not None and beam.shape == "rectangle" else None
     return BeamProblem.model_validate(same | {"depth_over_width": ratio})
 
