@@ -136,7 +136,7 @@ def relax_stock(problem: DesignProblem, stock: Stock) -> tuple[tuple[Relaxation,
     asked = requirements(problem)
 
     def lightest(name: str, figure: float) -> Pair | None:
-        return passing_pairs(problem, stock, asked._replace(**{name: figure}))[1]
+        return passing_pairs(problem, stock, {**asked, name: figure})[1]
 
     found = []
     for name in relaxable(asked):
