@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
-from functools import partial
 from math import floor, log10
 from typing import Any
 
@@ -17,7 +16,7 @@ from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_
 from beamdesign.build.tolerances import LARGEST, Tolerances, tolerances, why_no_box
 from beamdesign.loop import loop
 from beamdesign.plant.members import STANDARD_GRAVITY
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
 from beamdesign.proofs.certifying import certify, worst_of
@@ -225,13 +224,12 @@ def specify(
     unboxed = why_no_box(stages[0].prototype)
     kept = None
     if not unboxed:
-        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.1 + 0.4 * share, text))
-    specified = {} if kept is None else kept.specified
-
-    def of_law(share: float, text: str, law: int) -> None:
-        progress(0.5 + 0.5 * (law + share) / len(laws), text)
-
-    laws = tuple(_realised(one, specified, partial(of_law, law=k)) for k, one in enumerate(laws))
+        kept = tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
+    specified, share = {} if kept is None else kept.specified, 0.5 / len(laws)
+    laws = tuple(
+        _realised(one, specified, part_of(progress, 0.5 + k * share, 0.5 + (k + 1) * share))
+        for k, one in enumerate(laws)
+    )
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
 
 
@@ -330,12 +328,12 @@ def _realised(law: LawSpecification, specified: Mapping[str, float], progress: P
     analogue: tuple[AnalogueController, ...] = ()
     why = ""
     try:
-        analogue = analogue_controllers(prototype, masses_kg, lambda share, text: progress(0.2 * share, text))
+        analogue = analogue_controllers(prototype, masses_kg, part_of(progress, 0.0, 0.2))
     except ValueError as error:
         why = str(error)
     assert law.plan is not None
     looked_at = tuple(sorted({*law.stage.looked_at_kg, *law.plan.masses_kg}))
-    expected = acceptance(prototype, looked_at, specified, lambda share, text: progress(0.2 + 0.8 * share, text))
+    expected = acceptance(prototype, looked_at, specified, part_of(progress, 0.2, 1.0))
     return replace(law, analogue=analogue, analogue_reason=why, acceptance=expected)
 
 

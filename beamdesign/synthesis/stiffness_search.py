@@ -7,7 +7,6 @@ A design is carried to a prototype and its two certificates: of the loop, and of
 does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -21,7 +20,7 @@ from beamdesign.plant.assembly import pace
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
@@ -164,12 +163,8 @@ def stiffness(
     needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
     for k, one in enumerate(needs):
         search = _Search(prototype, others, end_stiffness_N_per_m, masses, wall, one, servo)
-
-        def through(share: float, k: int = k, one: Need = one) -> None:
-            progress((k + share) / len(needs), f"laws that are {_WORDS[one]}")
-
         with share(1 / (len(needs) - k)):
-            law = search.best(through)
+            law = search.best(part_of(progress, k / len(needs), (k + 1) / len(needs)))
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses, wall)
@@ -224,12 +219,13 @@ class _Search:
         self.figures = paper_model(self.prototype).figures
         self.frequency_Hz = pace(self.figures) * _SEARCH_HZ
 
-    def best(self, progress: Callable[[float], None]) -> Compliance | None:
+    def best(self, progress: Progress) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
+        words = f"laws that are {_WORDS[self.need]}"
         quicker = np.log10(pace(self.figures)) * np.array([0, 1, 1, 1])
         lowest, highest = (np.clip(ends + quicker, *_OF_EACH.T) for ends in (_LOWEST, _HIGHEST))
         if self.servo:
-            progress(0.0)
+            progress(0.0, words)
             point = self._local_search(0, lowest[3:], highest[3:], _KEPT_STARTS, _KEPT_STEPS)[1]
             return None if point is None else self._law(point)
         least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * self.figures["outer_stiffness"])
@@ -240,11 +236,11 @@ class _Search:
             return None
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
-            progress(k / (_ROUNDS + 1))
+            progress(k / (_ROUNDS + 1), words)
             with share(1 / (_ROUNDS + 1 - k)):
                 found.append(self._local_search(k, lowest, highest, _STARTS, _STEPS))
         best = max(found, key=lambda one: one[0])
-        progress(_ROUNDS / (_ROUNDS + 1))
+        progress(_ROUNDS / (_ROUNDS + 1), words)
         _, point = self._local_search(_ROUNDS, lowest, highest, 0, _REFINING_STEPS, best, 0.05)
         return None if point is None else self._law(point)
 
@@ -344,9 +340,8 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
     """
     law, masses = prototype.own_controller, (exact(masses_kg[0]), exact(masses_kg[1]))
     drawn = [close_loop(plant, law) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
-    needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
-        DrawnRig(one.at(0.0).static_stiffness(), *(in_contact(one, masses, wall, need) for need in needs))
+        DrawnRig(one.at(0.0).static_stiffness(), **{need: in_contact(one, masses, wall, need) for need in NEEDS})
         for one in drawn
     )
 

@@ -20,7 +20,7 @@ from beamdesign.controllers.observer import block_form
 from beamdesign.plant.assembly import mass_unit_kg, pace, sizes
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import LinearModel
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.law_search import Found, search
@@ -227,7 +227,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     ]
     if not proposed:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
-    return search(task, proposed, report=lambda part, text: report(0.4 + 0.6 * part, text))
+    return search(task, proposed, report=part_of(report, 0.4, 1.0))
 
 
 def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
