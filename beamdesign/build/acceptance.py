@@ -347,17 +347,9 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
     """dataset.toml of the records to be taken; critical gains are prepared as comments."""
-    law = prototype.own_controller.model_dump()
-    table = {
-        "name": plan.scenario.name,
-        "prototype": "prototype.toml",
-        "record": [
-            {"file": f"records/{row.name}.csv"}
-            | picked(row, "outer_end_mass_kg inner_end_mass_kg")
-            | {"controller": law}
-            for row in plan.scenario.record
-        ],
-    }
+    law, shown = {"controller": prototype.own_controller.model_dump()}, "outer_end_mass_kg inner_end_mass_kg"
+    records = [{"file": f"records/{row.name}.csv"} | picked(row, shown) | law for row in plan.scenario.record]
+    table = {"name": plan.scenario.name, "prototype": "prototype.toml", "record": records}
     gains = [
         "# Where critical gains were measured, take the marks away and put them in:",
         *(

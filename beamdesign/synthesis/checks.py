@@ -223,12 +223,8 @@ class CheckedPair:
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
-        return {
-            "outer": self.outer.sizes,
-            "inner": self.inner.sizes,
-            "beam_mass_kg": self.beam_mass_kg,
-            "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks],
-        }
+        checks = [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks]
+        return picked(self, "outer=outer.sizes inner=inner.sizes beam_mass_kg") | {"checks": checks}
 
     def __str__(self) -> str:
         """The sizes in words."""

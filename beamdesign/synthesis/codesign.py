@@ -107,15 +107,10 @@ class Codesign(Result):
         """What a JSON file holds of it."""
         if self.point is None:
             return finite(picked(self, "reason change attempts"))
-        point = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
-        return finite({
-            **point,
-            "outer": self.point.outer.sizes,
-            "inner": self.point.inner.sizes,
-            "controller": self.point.proved.controller,
-            "checks": [picked(check, "name value limit utilisation") for check in self.point.checks],
-            "attempts": self.attempts,
-        })  # fmt: skip
+        masses = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
+        chosen = picked(self.point, "outer=outer.sizes inner=inner.sizes controller=proved.controller")
+        checks = [picked(check, "name value limit utilisation") for check in self.point.checks]
+        return finite(masses | chosen | {"checks": checks, "attempts": self.attempts})
 
     def columns(self) -> dict[str, Any]:
         """Its row in a table of many."""

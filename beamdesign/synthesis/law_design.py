@@ -102,10 +102,9 @@ class Proved:
         """
         box, nominal = self.over_box, self.nominal or (self.bandwidth_Hz, self.peak_sensitivity)
         lower = prototype.goal.lower_gains or forbidden_shares(prototype, masses_kg)
+        shown = "bandwidth_Hz peak_sensitivity peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"
         return {
-            "bandwidth_Hz": self.bandwidth_Hz,
-            "peak_sensitivity": self.peak_sensitivity,
-            **picked(self, "peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"),
+            **picked(self, shown),
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,

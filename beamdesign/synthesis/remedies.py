@@ -145,16 +145,10 @@ def _remedy(
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
         return Remedy(freedom.name, 0.0, 0.0, inf, *tubes(problem, given, rounded=True), 0.0, (), (masses_kg,), reason)
     sizes = proved.variables[-len(given) :]
-    return Remedy(
-        freedom.name,
-        section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg,
-        proved.bandwidth_Hz,
-        proved.peak_sensitivity,
-        *tubes(problem, sizes, rounded=True),
-        proved.inner_end_mass_kg,
-        (proved,),
-        (masses_kg,),
-    )
+    added = section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg
+    figures = freedom.name, added, proved.bandwidth_Hz, proved.peak_sensitivity
+    pair = tubes(problem, sizes, rounded=True)
+    return Remedy(*figures, *pair, proved.inner_end_mass_kg, (proved,), (masses_kg,))
 
 
 def _no_worse(found: Remedy, known: Remedy) -> Remedy:

@@ -199,19 +199,14 @@ class Sizing(Result, CheckedPair):
             "given in the study": self.given,
             "nearest pair": None if self.feasible else self.chosen,
         }
-        return [
-            (
-                f"{name} (chosen)" if self.feasible and pair == self.chosen else name,
-                pair.outer.millimetres,
-                pair.inner.millimetres,
-                pair.beam_mass_kg,
-                f"fails {'; '.join(check.name for check in pair.failing)}"
-                if pair.failing
-                else f"passes, governed by {pair.governing}",
-            )
-            for name, pair in pairs.items()
-            if pair
-        ]
+        rows = []
+        for name, pair in pairs.items():
+            if pair:
+                failing = "; ".join(check.name for check in pair.failing)
+                words = f"fails {failing}" if failing else f"passes, governed by {pair.governing}"
+                which = f"{name} (chosen)" if self.feasible and pair == self.chosen else name
+                rows.append((which, pair.outer.millimetres, pair.inner.millimetres, pair.beam_mass_kg, words))
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign size` writes of it."""

@@ -251,12 +251,8 @@ def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
 
 def _roll_off(weights: Weights) -> StateSpace:
     w = weights.roll_off
-    return StateSpace(
-        np.array([[0.0, w], [-w, -2 * _ROLL_OFF_DAMPING * w]]),
-        np.array([[0.0], [w]]),
-        np.array([[1.0, 0.0]]),
-        np.zeros((1, 1)),
-    )
+    a, b = np.array([[0.0, w], [-w, -2 * _ROLL_OFF_DAMPING * w]]), np.array([[0.0], [w]])
+    return StateSpace(a, b, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
 
 
 def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) -> StateSpace:
