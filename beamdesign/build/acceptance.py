@@ -204,11 +204,8 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
         gain = float(f"{back_off * sampled:.4g}")
         if gain <= own.gain_A_per_V:
             return None
-        box = box_with_effects(
-            rig,
-            {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)},
-            {"controller_gain": own.gain_A_per_V},
-        )
+        varied = {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)}
+        box = box_with_effects(rig, varied, {"controller_gain": own.gain_A_per_V})
         if certify_box(rig, box, _BUDGET, volumes=False).stable:
             return gain
     return None

@@ -189,14 +189,10 @@ class Cascade(Controller):
             ]
         if breaks:
             drop = prod(one.pole_Hz / one.zero_Hz for one in breaks)
+            share = f"1/{decimal(1 / drop, 3)} of" if drop <= 1 else f"{decimal(drop, 3)} times"
             above = f"gain above the {'zero' if drop <= 1 else 'pole'}"
             above += ", before the sections" if self.sections else ""
-            share = (
-                f"1/{decimal(1 / drop, 3)} of the static gain"
-                if drop <= 1
-                else f"{decimal(drop, 3)} times the static gain"
-            )
-            rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), share))
+            rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), f"{share} the static gain"))
         for k, section in enumerate(self.sections, start=1):
             zero, pole = (
                 f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"

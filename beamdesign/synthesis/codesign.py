@@ -183,10 +183,9 @@ def codesign(
     )
     if found.proved is None:
         low, high = masses_kg
-        reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
-            "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
-        )
-        return Codesign(bandwidth_Hz, masses_kg, None, attempts, reason + more, left_out=tuple(limit.left_out))
+        why = ("; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason) + more
+        reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: {why}"
+        return Codesign(bandwidth_Hz, masses_kg, None, attempts, reason, left_out=tuple(limit.left_out))
     point = _point(problem, masses_kg, found.proved)
     held = working(problem, point.prototype, masses_kg, point.proved.bandwidth_Hz)
     answer = bandwidth_Hz, masses_kg, None if held.reason else point, attempts, held.reason

@@ -119,10 +119,8 @@ def run_design(
                 likely = ways or easier(problem)
                 ways = carried(problem, ways, lacking) or carried(problem, easier(problem), lacking)
                 if not ways and over():
-                    words = (
-                        f"{found.reason}; what may help, not tried for want of time: {' or '.join(in_words(likely))}"
-                    )
-                    found = replace(found, reason=words)
+                    untried = f"what may help, not tried for want of time: {' or '.join(in_words(likely))}"
+                    found = replace(found, reason=f"{found.reason}; {untried}")
             found = replace(found, ways=ways)
     return replace(found, left_out=tuple(limit.left_out))
 

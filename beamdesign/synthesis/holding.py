@@ -102,9 +102,14 @@ class Demanded(NamedTuple):
         return self.needed <= self.available
 
     @property
-    def words(self) -> str:
+    def figures(self) -> tuple[str, str]:
         """Both, rounded away from each other, so that print does not make equal what is not."""
-        needed, available = at_most(self.needed, self.unit), at_least(self.available, self.unit)
+        return at_most(self.needed, self.unit), at_least(self.available, self.unit)
+
+    @property
+    def words(self) -> str:
+        """Both in words."""
+        needed, available = self.figures
         return f"{needed} of {self.name} instead of {available}"
 
 
@@ -155,13 +160,7 @@ class Holding:
 
     def rows(self) -> list[tuple[str, str]]:
         """For people: what is held, what of each limit it takes, and what was not asked."""
-        limits = [
-            (
-                f"takes of {limit.name}",
-                f"{at_most(limit.needed, limit.unit)} of {at_least(limit.available, limit.unit)}",
-            )
-            for limit in self.limits[1:-1]
-        ]
+        limits = [(f"takes of {limit.name}", " of ".join(limit.figures)) for limit in self.limits[1:-1]]
         unasked = [(f"{name} not asked for want of", key) for name, key in self.missing.items()]
         return [("holds, link level", self.held), *limits, *unasked]
 
