@@ -7,6 +7,7 @@ chosen by the diagnosis.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 from pathlib import Path
@@ -153,10 +154,9 @@ def acceptance(
 
 
 def _all_modes(prototype: Prototype, mass: float) -> SingleModeReach | None:
-    try:
+    with suppress(InputError, ValueError):  # no geometry, or no gain that sets in oscillation
         return single_mode_reach(prototype, mass)
-    except (InputError, ValueError):  # no geometry, or no gain that sets in oscillation
-        return None
+    return None
 
 
 def _loops(member: Prototype) -> list[Loop]:
@@ -170,10 +170,9 @@ def _loops(member: Prototype) -> list[Loop]:
 
 def _onset(member: Prototype, mass: float) -> CriticalGain | None:
     """Where raising the gain sets in oscillation; None where no gain does."""
-    try:
+    with suppress(ValueError):
         return critical_gain(member, mass, from_own=True)
-    except ValueError:
-        return None
+    return None
 
 
 def _band(values: "list[float] | np.ndarray") -> Band:

@@ -9,7 +9,7 @@ Then the one tube that weighs as much as both beams: what the same aluminium or 
 with some of its figures multiplied: a member of a box of tolerances.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, exp, pi, sin, sqrt, tanh
 from typing import Any, Literal
@@ -188,6 +188,11 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
     if stiffness is None or mass is None:  # a Beam record is validated to have one or the other
         raise ValueError(f"{name} has neither lumped figures nor geometry")
     return LumpedBeam(stiffness, mass, fixed_dashpot(record.damping_ratio, stiffness, mass), tuple(notes))
+
+
+def unstated(prototype: Prototype, keys: Sequence[str]) -> list[str]:
+    """Of some keys of both beams those that a prototype does not state."""
+    return [f"{name}.{key}" for name in BEAMS for key in keys if getattr(getattr(prototype, name), key) is None]
 
 
 def weighing_mass(record: Beam) -> float:

@@ -16,7 +16,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, picked
-from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.lumped import lumped_beam, unstated
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.structure.shapes import Clearance, Safety, SizedFor, Sizes
 from beamdesign.synthesis.checks import (
@@ -35,8 +35,6 @@ from beamdesign.synthesis.checks import (
     requirements,
 )
 from beamdesign.synthesis.free_search import FreeOptimum, free_optimum, relax_free
-
-_GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 
 
 @dataclass(frozen=True)
@@ -314,15 +312,9 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
     Raises:
         InputError: naming every key of geometry that is missing.
     """
-    beams = {"outer_beam": prototype.outer_beam, "inner_beam": prototype.inner_beam}
-    missing = [
-        Problem(f"{name}.{key}", "missing; the checks of sections need it, lumped figures are not enough")
-        for name, beam in beams.items()
-        for key in _GEOMETRY
-        if getattr(beam, key) is None
-    ]
-    if missing:
-        raise InputError(source, missing)
+    if missing := unstated(prototype, ("width_m", "wall_m", "length_m", "free_length_m", "material")):
+        reason = "missing; the checks of sections need it, lumped figures are not enough"
+        raise InputError(source, [Problem(key, reason) for key in missing])
     asked = dict(prototype.sized_for or SizedFor())
     sizes, gaps, factors = ({name: asked[name] for name in of.model_fields} for of in (Sizes, Clearance, Safety))
     return DesignProblem(
