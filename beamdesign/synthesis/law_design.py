@@ -215,11 +215,6 @@ def unknown(task: Search, design: Design) -> list[Cut]:
     return [] if known else [box.softest_without_servo()]
 
 
-def touches(task: Search, design: Design) -> bool:
-    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
-    return task.reached(design, ROOM) < ENOUGH * task.reached(design)
-
-
 def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
     """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box.
 

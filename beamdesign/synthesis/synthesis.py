@@ -19,7 +19,7 @@ most twice the sum of the Hankel singular values left out (K. Glover, Internatio
 and B. D. O. Anderson, International Journal of Control 50, 1989, for the residualised model).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -46,6 +46,10 @@ class GeneralisedPlant:
     c2: np.ndarray
     d12: np.ndarray
     d21: np.ndarray
+
+
+Solver = Callable[[GeneralisedPlant], StateSpace]
+"""Gives the controller of a plant."""
 
 
 def lqg(plant: GeneralisedPlant) -> StateSpace:
