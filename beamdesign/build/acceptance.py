@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -192,8 +192,8 @@ def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]
 
 def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float], sampled: float) -> float | None:
     """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
-    values = rig_values(prototype)
-    own, rig = prototype.own_controller, prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
+    values, own = rig_values(prototype), prototype.own_controller.gain_A_per_V
+    rig = prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
     ranges = {
         name: (values[name] * (1 - exact(part)), values[name] * (1 + exact(part)))
         for name, part in spread.items()
@@ -201,10 +201,10 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
     }
     for back_off in _BACK_OFF:
         gain = float(f"{back_off * sampled:.4g}")
-        if gain <= own.gain_A_per_V:
+        if gain <= own:
             return None
-        varied = {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)}
-        box = box_with_effects(rig, varied, {"controller_gain": own.gain_A_per_V})
+        varied: dict[str, tuple[Any, Any]] = {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own, gain)}
+        box = box_with_effects(rig, varied, {"controller_gain": own})
         if certify_box(rig, box, _BUDGET, volumes=False).stable:
             return gain
     return None
