@@ -32,11 +32,11 @@ _DRAWN_MM = 210.0
 
 def missing_geometry(prototype: Prototype) -> str:
     """Why there is no drawing, in words; empty where the geometry of both beams is given."""
-    lacking = unstated(prototype, ("width_m", "wall_m", "free_length_m", "material"))
+    if not (lacking := unstated(prototype, ("width_m", "wall_m", "free_length_m", "material"))):
+        return ""
     one = prototype.outer_beam.has_geometry or prototype.inner_beam.has_geometry
     given = "the geometry of one beam" if one else "lumped figures"
-    words = f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
-    return words if lacking else ""
+    return f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
 
 
 @contextmanager

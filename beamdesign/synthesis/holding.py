@@ -150,8 +150,7 @@ class Holding:
         """Why the design is none, in a sentence; empty where it is one."""
         if not self.missed:
             return ""
-        words = " and ".join(limit.words for limit in self.missed)
-        return f"for {self.held} the design needs {words}"
+        return f"for {self.held} the design needs {' and '.join(limit.words for limit in self.missed)}"
 
     @property
     def held(self) -> str:

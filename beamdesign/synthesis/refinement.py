@@ -322,8 +322,7 @@ class LawRefinement:
         )  # fmt: skip
         options = QUIET_IPOPT | {"ipopt.max_iter": 70, "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3}
         options |= {"ipopt.mumps_pivot_order": 0}  # by least degree: few variables, many slacks
-        solver = ca.nlpsol("refinement", "ipopt", program, options | derivatives)
-        return solver, servo_off
+        return ca.nlpsol("refinement", "ipopt", program, options | derivatives), servo_off
 
     def _softest(self) -> tuple[int, float]:
         """Which of the plants, at which outer end mass (kg), has the largest compliance without a law."""
