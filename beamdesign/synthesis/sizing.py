@@ -189,16 +189,15 @@ class Sizing(Result, CheckedPair):
         """The pair alone."""
         return CheckedPair(self.outer, self.inner, self.beam_mass_kg, self.checks)
 
+    @property
+    def compared(self) -> dict[str, CheckedPair | None]:
+        """The pairs that are told beside each other."""
+        return {"free": self.free and self.free.pair, "stock": self.stock and self.stock.pair, "given": self.given}
+
     def rows(self) -> list[tuple[str, str, str, float, str]]:
         """The pairs that were found: which, both tubes in mm, mass in kg, and what their checks say."""
-        pairs = {
-            "free sizes": self.free and self.free.pair,
-            "stock sizes": self.stock and self.stock.pair,
-            "given in the study": self.given,
-            "nearest pair": None if self.feasible else self.chosen,
-        }
-        rows = []
-        for name, pair in pairs.items():
+        rows, names = [], ("free sizes", "stock sizes", "given in the study", "nearest pair")
+        for name, pair in zip(names, (*self.compared.values(), None if self.feasible else self.chosen), strict=True):
             if pair:
                 failing = "; ".join(check.name for check in pair.failing)
                 words = f"fails {failing}" if failing else f"passes, governed by {pair.governing}"
@@ -208,17 +207,12 @@ class Sizing(Result, CheckedPair):
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign size` writes of it."""
-
-        def compared(pair: CheckedPair | None) -> dict[str, Any] | None:
-            return None if pair is None else pair.to_dict() | picked(pair, "feasible governing")
-
+        pairs = self.compared.items()
         fields = self.chosen.to_dict() | {
             **picked(self, "governing feasible reason choose kkt_residual shadow_prices price_of_rounding_kg"),
             "active": list(self.free.active) if self.free else [],
             "relaxations": [picked(item, "key asked enough") for item in self.relaxations],
-            "free": compared(self.free.pair if self.free else None),
-            "stock": compared(self.stock.pair if self.stock else None),
-            "given": compared(self.given),
+            **{name: pair and pair.to_dict() | picked(pair, "feasible governing") for name, pair in pairs},
         }
         return finite(fields)
 
