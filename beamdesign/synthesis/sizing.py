@@ -192,7 +192,8 @@ class Sizing(Result, CheckedPair):
     @property
     def compared(self) -> dict[str, CheckedPair | None]:
         """The pairs that are told beside each other."""
-        return {"free": self.free and self.free.pair, "stock": self.stock and self.stock.pair, "given": self.given}
+        free, stock = self.free.pair if self.free else None, self.stock.pair if self.stock else None
+        return {"free": free, "stock": stock, "given": self.given}
 
     def rows(self) -> list[tuple[str, str, str, float, str]]:
         """The pairs that were found: which, both tubes in mm, mass in kg, and what their checks say."""
