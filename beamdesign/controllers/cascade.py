@@ -183,10 +183,8 @@ class Cascade(Controller):
             level = "from here up it stays level again"
             falls = ("from here up the gain falls", level)
             at_pole, at_zero = falls if one.pole_Hz <= one.zero_Hz else (level, "from here up the gain rises")
-            rows += [
-                (f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole),
-                (f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero),
-            ]
+            rows.append((f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole))
+            rows.append((f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero))
         if breaks:
             drop = prod(one.pole_Hz / one.zero_Hz for one in breaks)
             share = f"1/{decimal(1 / drop, 3)} of" if drop <= 1 else f"{decimal(drop, 3)} times"

@@ -302,11 +302,8 @@ def _tube_mass(alloy: Material, tube: Tube, length: float) -> float:
 
 
 _PARTS = {name: row.place for name, row in PARAMETERS.items() if "_beam." not in row.place and name != "outer_end_mass"}
-_PARTS |= {
-    "controller_gain": "controller.gain_A_per_V",
-    "controller_pole": "controller.pole_Hz",
-    "controller_zero": "controller.zero_Hz",
-}
+_LAW = {"gain": "gain_A_per_V", "pole": "pole_Hz", "zero": "zero_Hz"}
+_PARTS |= {f"controller_{name}": f"controller.{key}" for name, key in _LAW.items()}
 CHANGEABLE = (*(name for name, row in PARAMETERS.items() if "_beam." in row.place), *_PARTS)
 """Figures that can be changed, named as in `beamdesign.proofs.rig_family.rig_values`."""
 

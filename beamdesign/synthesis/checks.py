@@ -258,12 +258,8 @@ def check_sections(
         measured: as of `checks`.
     """
     found = checks(problem, outer, inner, asked, measured=measured)
-    return CheckedPair(
-        outer=outer,
-        inner=inner,
-        beam_mass_kg=float(beam_mass(problem, outer, inner)),
-        checks=tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found),
-    )
+    in_numbers = tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found)
+    return CheckedPair(outer, inner, float(beam_mass(problem, outer, inner)), in_numbers)
 
 
 Pair = tuple[Tube, Tube]

@@ -333,15 +333,8 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
     order = np.argsort(-multipliers[: len(program.checks)])
     active = tuple(program.checks[i] for i in order if multipliers[i] > 0)
     found = check_sections(problem, *tubes(problem, best))
-    return FreeOptimum(
-        pair=found,
-        governing=active[0] if active else found.governing,
-        active=active,
-        kkt_residual=residual,
-        shadow_prices=_prices(program, per_figure),
-        starts=len(ends),
-        starts_agreeing=agreeing,
-    )
+    governing, prices = active[0] if active else found.governing, _prices(program, per_figure)
+    return FreeOptimum(found, governing, active, residual, prices, len(ends), agreeing)
 
 
 def _prices(program: Program, per_figure: np.ndarray) -> dict[str, float]:
