@@ -173,16 +173,14 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], whole: Re
     for k, part in enumerate(parts):
         with share(1 / (len(parts) - k)):
             found.append(_no_worse(_remedy(SCHEDULED, problem, part, 0.0, sigmas, whole.proved), whole))
-    failed = [
-        f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
-    ]
+    why = [f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason]
     return replace(
         found[0],
         bandwidth_Hz=min(one.bandwidth_Hz for one in found),
         peak_sensitivity=max(one.peak_sensitivity for one in found),
         proved=tuple(proved for one in found for proved in one.proved),
         parts_kg=tuple(parts),
-        reason="; ".join(failed),
+        reason="; ".join(why),
     )
 
 

@@ -266,10 +266,8 @@ def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) 
         ValueError: for a law that is not stable.
     """
     model = residualised(_roll_off(weights).behind(law), order)
-    b = model.b / plant.sensor_units / plant.time_unit_s
-    return StateSpace(
-        model.a / plant.time_unit_s, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
-    )
+    b, d = model.b / plant.sensor_units / plant.time_unit_s, model.d * plant.current_A / plant.sensor_units
+    return StateSpace(model.a / plant.time_unit_s, b, model.c * plant.current_A, d)
 
 
 def residualised(whole: StateSpace, order: int) -> StateSpace:
