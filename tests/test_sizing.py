@@ -33,7 +33,7 @@ def problem() -> DesignProblem:
 
 
 def asking(problem: DesignProblem, **figures: Any) -> DesignProblem:
-    """The problem with other requirements, by their names in `Requirements`, `choose`, or shape of both beams."""
+    """The problem with other requirements, by their names in `REQUIREMENTS`, `choose`, or shape of both beams."""
     shape = {key: figures.pop(key) for key in ("shape", "depth_over_width") if key in figures}
     beams = {name: getattr(problem, name).but(**shape) for name in BEAMS}
     tables: dict[str, dict[str, Any]] = {}

@@ -7,10 +7,11 @@ chosen by the diagnosis.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -153,10 +154,9 @@ def acceptance(
 
 
 def _all_modes(prototype: Prototype, mass: float) -> SingleModeReach | None:
-    try:
+    with suppress(InputError, ValueError):  # no geometry, or no gain that sets in oscillation
         return single_mode_reach(prototype, mass)
-    except (InputError, ValueError):  # no geometry, or no gain that sets in oscillation
-        return None
+    return None
 
 
 def _loops(member: Prototype) -> list[Loop]:
@@ -170,10 +170,9 @@ def _loops(member: Prototype) -> list[Loop]:
 
 def _onset(member: Prototype, mass: float) -> CriticalGain | None:
     """Where raising the gain sets in oscillation; None where no gain does."""
-    try:
+    with suppress(ValueError):
         return critical_gain(member, mass, from_own=True)
-    except ValueError:
-        return None
+    return None
 
 
 def _band(values: "list[float] | np.ndarray") -> Band:
@@ -193,8 +192,8 @@ def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]
 
 def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float], sampled: float) -> float | None:
     """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
-    values = rig_values(prototype)
-    own, rig = prototype.own_controller, prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
+    values, own = rig_values(prototype), prototype.own_controller.gain_A_per_V
+    rig = prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
     ranges = {
         name: (values[name] * (1 - exact(part)), values[name] * (1 + exact(part)))
         for name, part in spread.items()
@@ -202,13 +201,10 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
     }
     for back_off in _BACK_OFF:
         gain = float(f"{back_off * sampled:.4g}")
-        if gain <= own.gain_A_per_V:
+        if gain <= own:
             return None
-        box = box_with_effects(
-            rig,
-            {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)},
-            {"controller_gain": own.gain_A_per_V},
-        )
+        varied: dict[str, tuple[Any, Any]] = {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own, gain)}
+        box = box_with_effects(rig, varied, {"controller_gain": own})
         if certify_box(rig, box, _BUDGET, volumes=False).stable:
             return gain
     return None
@@ -347,17 +343,9 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
     """dataset.toml of the records to be taken; critical gains are prepared as comments."""
-    law = prototype.own_controller.model_dump()
-    table = {
-        "name": plan.scenario.name,
-        "prototype": "prototype.toml",
-        "record": [
-            {"file": f"records/{row.name}.csv"}
-            | picked(row, "outer_end_mass_kg inner_end_mass_kg")
-            | {"controller": law}
-            for row in plan.scenario.record
-        ],
-    }
+    law, shown = {"controller": prototype.own_controller.model_dump()}, "outer_end_mass_kg inner_end_mass_kg"
+    records = [{"file": f"records/{row.name}.csv"} | picked(row, shown) | law for row in plan.scenario.record]
+    table = {"name": plan.scenario.name, "prototype": "prototype.toml", "record": records}
     gains = [
         "# Where critical gains were measured, take the marks away and put them in:",
         *(

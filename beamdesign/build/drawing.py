@@ -12,6 +12,7 @@ from beamdesign.quantities import tube_text
 from beamdesign.report.canvas import svg_element
 from beamdesign.report.drawing import Drawn, gap_text, tubes_of
 from beamdesign.spelling import in_dxf
+from beamdesign.structure.lumped import unstated
 from beamdesign.structure.section import at_corners
 
 if TYPE_CHECKING:
@@ -31,16 +32,11 @@ _DRAWN_MM = 210.0
 
 def missing_geometry(prototype: Prototype) -> str:
     """Why there is no drawing, in words; empty where the geometry of both beams is given."""
-    lacking = [
-        f"{name}_beam.{key}"
-        for name in ("outer", "inner")
-        for key in ("width_m", "wall_m", "free_length_m", "material")
-        if getattr(getattr(prototype, f"{name}_beam"), key) is None
-    ]
+    if not (lacking := unstated(prototype, ("width_m", "wall_m", "free_length_m", "material"))):
+        return ""
     one = prototype.outer_beam.geometry or prototype.inner_beam.geometry
     given = "the geometry of one beam" if one else "lumped figures"
-    words = f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
-    return words if lacking else ""
+    return f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
 
 
 @contextmanager

@@ -181,17 +181,14 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "certifiable": not spec.reason,
         "reason": spec.reason,
         **governs,
-        "outer_end_mass_kg": list(spec.masses_kg),
-        "stable_ranges_kg": [list(pair) for pair in _stable_ranges_kg(spec)],
+        "outer_end_mass_kg": spec.masses_kg,
+        "stable_ranges_kg": _stable_ranges_kg(spec),
         "guaranteed": _reached(spec.guaranteed),
         "load_N": spec.load_N,
         "sections": sections,
         "drawing": spec.reason or missing_geometry(spec.prototype) or "drawing.dxf",
         "ratings": spec.ratings and spec.ratings.to_dict(),
-        "sensor": spec.sensor,
-        "controller": spec.prototype.controller,
-        "tolerances": spec.tolerances,
-        "tolerances_reason": spec.tolerances_reason,
+        **picked(spec, "sensor controller=prototype.controller tolerances tolerances_reason"),
         "basis": BASIS,
         **({} if spec.switching is None else {"switching": spec.switching.to_dict()}),
         **({} if spec.prototype.schedule is None else {"stages": stages}),
@@ -200,13 +197,9 @@ def json_fields(spec: Specification) -> dict[str, Any]:
 
 
 def _of_law(law: LawSpecification) -> dict[str, Any]:
-    return {
-        "outer_end_mass_kg": list(law.stage.outer_end_mass_kg),
-        "stable_ranges_kg": [list(pair) for pair in law.certificate.stable_ranges_kg],
-        "guaranteed": _reached(law.certificate.guaranteed),
-        "controller": law.stage.prototype.controller,
-        **picked(law, "analogue analogue_reason digital acceptance test_plan=plan"),
-    }
+    ranges = picked(law, "outer_end_mass_kg=stage.outer_end_mass_kg stable_ranges_kg=certificate.stable_ranges_kg")
+    built = "controller=stage.prototype.controller analogue analogue_reason digital acceptance test_plan=plan"
+    return ranges | {"guaranteed": _reached(law.certificate.guaranteed)} | picked(law, built)
 
 
 def _reached(found: Guaranteed | None) -> dict[str, Any] | None:

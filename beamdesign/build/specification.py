@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
-from functools import partial
 from math import floor, log10
 from typing import Any
 
@@ -17,10 +16,10 @@ from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_
 from beamdesign.build.tolerances import LARGEST, Tolerances, tolerances, why_no_box
 from beamdesign.loop import loop
 from beamdesign.plant.members import STANDARD_GRAVITY
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
-from beamdesign.proofs.certifying import certify, guaranteed_by_all
+from beamdesign.proofs.certifying import certify, worst_of
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.scope import holds_for
@@ -234,13 +233,12 @@ def specify(
     unboxed = why_no_box(stages[0].prototype)
     kept = None
     if not unboxed:
-        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.1 + 0.4 * share, text))
-    specified = {} if kept is None else kept.specified
-
-    def of_law(share: float, text: str, law: int) -> None:
-        progress(0.5 + 0.5 * (law + share) / len(laws), text)
-
-    laws = tuple(_realised(one, specified, partial(of_law, law=k)) for k, one in enumerate(laws))
+        kept = tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
+    specified, share = {} if kept is None else kept.specified, 0.5 / len(laws)
+    laws = tuple(
+        _realised(one, specified, part_of(progress, 0.5 + k * share, 0.5 + (k + 1) * share))
+        for k, one in enumerate(laws)
+    )
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
 
 
@@ -292,8 +290,8 @@ def specification_of(run: DesignRun) -> Specification:
 
 def _with_ratings(found: Specification) -> Specification:
     """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
-    reached, stated = guaranteed_by_all(found.prototype.stages(found.masses_kg)), found.prototype.guarantee
-    assert reached is not None
+    each, stated = [law.certificate.guaranteed for law in found.laws], found.prototype.guarantee
+    reached = worst_of([one for one in each if one is not None])
     # Of a prototype that is promised for every rig within its tolerances the promise is rated, as `run` does.
     up_to_Hz = reached.bandwidth_Hz if stated is None else min(stated.bandwidth_Hz, reached.bandwidth_Hz)
     stock = stock_choices(found.prototype, found.masses_kg)
@@ -339,12 +337,12 @@ def _realised(law: LawSpecification, specified: Mapping[str, float], progress: P
     analogue: tuple[AnalogueController, ...] = ()
     why = ""
     try:
-        analogue = analogue_controllers(prototype, masses_kg, lambda share, text: progress(0.2 * share, text))
+        analogue = analogue_controllers(prototype, masses_kg, part_of(progress, 0.0, 0.2))
     except ValueError as error:
         why = str(error)
     assert law.plan is not None
     looked_at = tuple(sorted({*law.stage.looked_at_kg, *law.plan.masses_kg}))
-    expected = acceptance(prototype, looked_at, specified, lambda share, text: progress(0.2 + 0.8 * share, text))
+    expected = acceptance(prototype, looked_at, specified, part_of(progress, 0.2, 1.0))
     return replace(law, analogue=analogue, analogue_reason=why, acceptance=expected)
 
 

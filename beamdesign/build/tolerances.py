@@ -98,10 +98,10 @@ def performance_of_all(stages: Iterable[InStage]) -> Performance:
     """The worst with each law over its own payloads: of what `certify` proves these figures alone."""
     found = []
     for stage in stages:
-        goal, proved = stage.prototype.goal, rectangles(members(stage.prototype, *stage.outer_end_mass_kg))
+        proved = rectangles(members(stage.prototype, *stage.outer_end_mass_kg))
         if not common_ranges(proved).stable:
             return None, None
-        performing = [part.performing for part in proved if part.performing is not None]
+        goal, performing = stage.prototype.goal, [part.performing for part in proved if part.performing is not None]
         peak = least_limit(performing, "peak_sensitivity", goal=goal.peak_sensitivity)
         found.append((bandwidth(performing, goal.compliance_m_per_N), peak))
     return min(hertz for hertz, _ in found), max(peak for _, peak in found)

@@ -183,20 +183,14 @@ class Cascade(Controller):
             level = "from here up it stays level again"
             falls = ("from here up the gain falls", level)
             at_pole, at_zero = falls if one.pole_Hz <= one.zero_Hz else (level, "from here up the gain rises")
-            rows += [
-                (f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole),
-                (f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero),
-            ]
+            rows.append((f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole))
+            rows.append((f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero))
         if breaks:
             drop = prod(one.pole_Hz / one.zero_Hz for one in breaks)
+            share = f"1/{decimal(1 / drop, 3)} of" if drop <= 1 else f"{decimal(drop, 3)} times"
             above = f"gain above the {'zero' if drop <= 1 else 'pole'}"
             above += ", before the sections" if self.sections else ""
-            share = (
-                f"1/{decimal(1 / drop, 3)} of the static gain"
-                if drop <= 1
-                else f"{decimal(drop, 3)} times the static gain"
-            )
-            rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), share))
+            rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), f"{share} the static gain"))
         for k, section in enumerate(self.sections, start=1):
             zero, pole = (
                 f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"

@@ -1,6 +1,6 @@
 """Certificates made: stability and claims of every linear member of a prototype decided, and the proof written."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import gcd, inf, lcm
 from operator import attrgetter
@@ -35,7 +35,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope, uncovered
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
-from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.prototype import Goal, Prototype
 from beamdesign.quantities import stated_range
 from beamdesign.records import InputError, Problem
 
@@ -271,20 +271,14 @@ def certify(
     return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, *more)
 
 
-def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
-    """The worst of what is proved with each law over its own payloads; None where a loop is not stable."""
-    found = []
-    for stage in stages:
-        if (guaranteed := certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed) is None:
-            return None
-        found.append(guaranteed)
+def worst_of(found: Sequence[Guaranteed]) -> Guaranteed:
+    """The worst of what is proved with each of some laws."""
     worst: dict[str, Any] = {
         name: max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
         for name in ("loop_gain", "controller_effort_A_per_V")
     }
-    softest = max(found, key=attrgetter("peak_over_passive"))
     return replace(
-        softest,
+        max(found, key=attrgetter("peak_over_passive")),
         bandwidth_Hz=min(one.bandwidth_Hz for one in found),
         peak_sensitivity=max(one.peak_sensitivity for one in found),
         **worst,

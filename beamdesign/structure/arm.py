@@ -84,8 +84,8 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     one = lumped.lumped_beam(beam, "outer_beam")
     inertia, axial, stiffness = added, None, given
     note = "no section: the tube's own polar inertia and its axial compliance are left out"
-    if beam.tube is not None and beam.material is not None:
-        alloy, tube = beam.material, beam.tube
+    if beam.geometry is not None:
+        alloy, tube, _ = beam.geometry
         inertia += TORSION_SHARE * alloy.density_kg_per_m3 * float(tube.polar_moment) * length
         axial = alloy.youngs_modulus_Pa * float(tube.area) / length
         computed = alloy.shear_modulus_Pa * float(tube.torsion_constant) / length

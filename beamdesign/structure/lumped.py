@@ -9,7 +9,7 @@ Then the one tube that weighs as much as both beams: what the same aluminium or 
 with some of its figures multiplied: a member of a box of tolerances.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, exp, pi, sin, sqrt, tanh
 from typing import Any, Literal
@@ -179,18 +179,20 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
     stiffness, mass = record.stiffness_N_per_m, record.effective_mass_kg
     notes: list[str] = []
     if record.geometry is not None:
-        computed_stiffness, computed_mass = map(float, beam_figures(*record.geometry, record.end_mass_kg))
+        stiff, heavy = map(float, beam_figures(*record.geometry, record.end_mass_kg))
         if stiffness is not None:
-            notes.append(
-                f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
-            )
+            notes.append(f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {stiff:.6g} N/m")
         if mass is not None:
-            notes.append(f"{name}: measured effective mass {mass:.4g} kg used, geometry gives {computed_mass:.4g} kg")
-        stiffness = computed_stiffness if stiffness is None else stiffness
-        mass = computed_mass if mass is None else mass
+            notes.append(f"{name}: measured effective mass {mass:.4g} kg used, geometry gives {heavy:.4g} kg")
+        stiffness, mass = stiff if stiffness is None else stiffness, heavy if mass is None else mass
     if stiffness is None or mass is None:  # a Beam record is validated to have one or the other
         raise ValueError(f"{name} has neither lumped figures nor geometry")
     return LumpedBeam(stiffness, mass, fixed_dashpot(record.damping_ratio, stiffness, mass), tuple(notes))
+
+
+def unstated(prototype: Prototype, keys: Sequence[str]) -> list[str]:
+    """Of some keys of both beams those that a prototype does not state."""
+    return [f"{name}.{key}" for name in BEAMS for key in keys if getattr(getattr(prototype, name), key) is None]
 
 
 def weighing_mass(record: Beam) -> float:
@@ -300,11 +302,8 @@ def _tube_mass(alloy: Material, tube: Tube, length: float) -> float:
 
 
 _PARTS = {name: row.place for name, row in PARAMETERS.items() if "_beam." not in row.place and name != "outer_end_mass"}
-_PARTS |= {
-    "controller_gain": "controller.gain_A_per_V",
-    "controller_pole": "controller.pole_Hz",
-    "controller_zero": "controller.zero_Hz",
-}
+_LAW = {"gain": "gain_A_per_V", "pole": "pole_Hz", "zero": "zero_Hz"}
+_PARTS |= {f"controller_{name}": f"controller.{key}" for name, key in _LAW.items()}
 CHANGEABLE = (*(name for name, row in PARAMETERS.items() if "_beam." in row.place), *_PARTS)
 """Figures that can be changed, named as in `beamdesign.proofs.rig_family.rig_values`."""
 
@@ -338,9 +337,8 @@ def _off(record: Any, place: str, **figures: float) -> Any:
     except ValidationError as error:
         keys = sorted({str(line["loc"][0]) for line in error.errors()} & figures.keys())
         reason = "{:g} of a rig that is off by its tolerances is outside the plausible range: let it vary less"
-        raise InputError(
-            "tolerance", [Problem(f"{place}.{key}", reason.format(figures[key])) for key in keys]
-        ) from None
+        wrong = [Problem(f"{place}.{key}", reason.format(figures[key])) for key in keys]
+        raise InputError("tolerance", wrong) from None
 
 
 def _beam(record: Beam, place: str, stiffness: float, mass: float, damping: float) -> Beam:

@@ -133,9 +133,8 @@ class Tube:
         # b h^3 - (b - 2 t) (h - 2 t)^3 factored, so that thin walls do not cancel.
         sharp = 2 * wall * (self.width_m * (depth**2 + depth * opening + opening**2) + opening**3) / 12
         inner_radius = positive_part(self.corner_radius_m - wall)
-        return (
-            sharp - _corners_second_moment(depth, self.corner_radius_m) + _corners_second_moment(opening, inner_radius)
-        )
+        lost, kept = _corners_second_moment(depth, self.corner_radius_m), _corners_second_moment(opening, inner_radius)
+        return sharp - lost + kept
 
     @property
     def polar_moment(self) -> Quantity:

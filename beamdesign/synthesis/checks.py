@@ -10,13 +10,13 @@ The force is static and acts at the tips; the weight of the beams (about 1 % of 
 torsion, shear, fatigue and the introduction of the force into the walls are not checked.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from beamdesign.problem import BeamProblem, DesignProblem
+from beamdesign.problem import DesignProblem
 from beamdesign.quantities import at_least, at_most, quantity, read_in
 from beamdesign.result import picked
 from beamdesign.structure import lumped
@@ -29,18 +29,8 @@ Sums of decimal sizes are not exact in binary.
 """
 
 
-class Requirements(NamedTuple):
-    """The figures that are asked for, each of which may be a symbol too."""
-
-    tip_force_N: Quantity
-    strength: Quantity
-    local_buckling: Quantity
-    assembly_m: Quantity
-    under_load_m: Quantity
-    least_wall_m: Quantity
-    largest_width_m: Quantity
-    width_to_wall_at_most: Quantity | None
-
+Requirements = Mapping[str, Quantity]
+"""The figures that are asked for by their names in `REQUIREMENTS`, each of which may be a symbol too."""
 
 Factors = tuple[tuple[Quantity, Quantity], tuple[Quantity, Quantity]]
 
@@ -78,8 +68,8 @@ _STATED = (
     Requirement("sections.largest_width_m", 2.0, "largest_width", "largest width"),
     Requirement("sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most", "largest width to wall", 0.01),
 )
-REQUIREMENTS = dict(zip(Requirements._fields, _STATED, strict=True))
-"""Every one of `Requirements`, in its order."""
+REQUIREMENTS = {one.key.partition(".")[2]: one for one in _STATED}
+"""What can be asked for, by name."""
 
 
 class Check(NamedTuple):
@@ -129,8 +119,9 @@ class Check(NamedTuple):
 
 
 def requirements(problem: DesignProblem) -> Requirements:
-    """What a design problem asks of the sections."""
-    return Requirements(*(attrgetter(one.key)(problem) for one in REQUIREMENTS.values()))
+    """What a design problem asks of the sections; a width to wall only where it has a limit of that."""
+    every = {name: attrgetter(one.key)(problem) for name, one in REQUIREMENTS.items()}
+    return {name: figure for name, figure in every.items() if figure is not None}
 
 
 def beam_mass(problem: DesignProblem, outer: Tube, inner: Tube) -> Quantity:
@@ -163,50 +154,41 @@ def checks(
     asked = asked or requirements(problem)
     cases = (("outer", "servo off", problem.outer_beam, outer), ("inner", "servo on", problem.inner_beam, inner))
     found: list[Check] = []
-    for (name, case, beam_asked, tube), given in zip(cases, factors or (None, None), strict=True):
-        alloy, moment = beam_asked.material, asked.tip_force_N * beam_asked.free_length_m
+    for (name, case, of, tube), given in zip(cases, factors or (None, None), strict=True):
+        alloy, moment = of.material, asked["tip_force_N"] * of.free_length_m
         stress = moment / tube.elastic_modulus
         resistance = tube.bending_resistance(alloy.proof_strength_Pa, alloy.buckling_constants, given)
         found += [
-            Check(f"{name} strength, {case}", stress, alloy.proof_strength_Pa / asked.strength, "Pa"),
-            Check(f"{name} local buckling, {case}", moment, resistance / asked.local_buckling, "N m"),
+            Check(f"{name} strength, {case}", stress, alloy.proof_strength_Pa / asked["strength"], "Pa"),
+            Check(f"{name} local buckling, {case}", moment, resistance / asked["local_buckling"], "N m"),
         ]
         if tube.shape == "round":
             limit = alloy.largest_diameter_to_wall
             if alloy.buckling_class is None:  # EN 1993-1-1, 5.5.2(9): of the stress under load in place of the strength
-                limit = limit * (resistance / (asked.local_buckling * moment))
+                limit = limit * (resistance / (asked["local_buckling"] * moment))
             found.append(Check(f"{name} diameter to wall, class 3", tube.width_m / tube.wall_m, limit, "1"))
-    if measured is None:
-        measured = _stiffness(problem.outer_beam, outer), _stiffness(problem.inner_beam, inner)
-    return found + _fit(problem, asked, outer, inner, measured)
-
-
-def _stiffness(of: BeamProblem, tube: Tube) -> Quantity:
-    return lumped.tip_stiffness(of.material.youngs_modulus_Pa * tube.second_moment, of.free_length_m)
-
-
-def _fit(
-    problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube, stiffness: tuple[Quantity, Quantity]
-) -> list[Check]:
-    """Clearances, walls and widths."""
-    gaps = clearances(outer, inner)
-    gap_off, gap_on = (lumped.clearance_under_load(gaps[0], asked.tip_force_N, one) for one in stiffness)
-    of_outer, of_inner = (one.material for one in problem.beams)
-    both = (("outer", outer), ("inner", inner))
-    found = [
-        Check("clearance at assembly", gaps[0], asked.assembly_m, "m", at_least=True),
-        *(Check("clearance at assembly, across", gap, asked.assembly_m, "m", at_least=True) for gap in gaps[1:]),
-        Check("clearance under load, servo on", gap_on, asked.under_load_m, "m", at_least=True),
-        Check("clearance under load, servo off", gap_off, asked.under_load_m, "m", at_least=True),
-        *(Check(f"{name} least wall", tube.wall_m, asked.least_wall_m, "m", at_least=True) for name, tube in both),
-        Check("outer wall within strength data", outer.wall_m, of_outer.largest_wall_m, "m"),
-        Check("inner wall within strength data", inner.wall_m, of_inner.largest_wall_m, "m"),
-        *(Check(f"outer largest {side}", size, asked.largest_width_m, "m") for side, size in outer.sides.items()),
+    stiffness = measured or [
+        lumped.tip_stiffness(of.material.youngs_modulus_Pa * tube.second_moment, of.free_length_m)
+        for _, _, of, tube in cases
     ]
-    if asked.width_to_wall_at_most is not None:
+    gaps, force, thinnest = clearances(outer, inner), asked["tip_force_N"], asked["least_wall_m"]
+    gap_off, gap_on = (lumped.clearance_under_load(gaps[0], force, one) for one in stiffness)
+    found += [
+        Check("clearance at assembly", gaps[0], asked["assembly_m"], "m", at_least=True),
+        *(Check("clearance at assembly, across", gap, asked["assembly_m"], "m", at_least=True) for gap in gaps[1:]),
+        Check("clearance under load, servo on", gap_on, asked["under_load_m"], "m", at_least=True),
+        Check("clearance under load, servo off", gap_off, asked["under_load_m"], "m", at_least=True),
+        *(Check(f"{name} least wall", tube.wall_m, thinnest, "m", at_least=True) for name, _, _, tube in cases),
+        *(
+            Check(f"{name} wall within strength data", tube.wall_m, of.material.largest_wall_m, "m")
+            for name, _, of, tube in cases
+        ),
+        *(Check(f"outer largest {side}", size, asked["largest_width_m"], "m") for side, size in outer.sides.items()),
+    ]
+    if (most := asked.get("width_to_wall_at_most")) is not None:
         found += [
-            Check(f"{name} {side} to wall", size / tube.wall_m, asked.width_to_wall_at_most, "1")
-            for name, tube in both
+            Check(f"{name} {side} to wall", size / tube.wall_m, most, "1")
+            for name, _, _, tube in cases
             for side, size in tube.sides.items()
         ]
     return found
@@ -241,12 +223,8 @@ class CheckedPair:
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
-        return {
-            "outer": self.outer.sizes,
-            "inner": self.inner.sizes,
-            "beam_mass_kg": self.beam_mass_kg,
-            "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks],
-        }
+        checks = [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks]
+        return picked(self, "outer=outer.sizes inner=inner.sizes beam_mass_kg") | {"checks": checks}
 
     def __str__(self) -> str:
         """The sizes in words."""
@@ -280,12 +258,8 @@ def check_sections(
         measured: as of `checks`.
     """
     found = checks(problem, outer, inner, asked, measured=measured)
-    return CheckedPair(
-        outer=outer,
-        inner=inner,
-        beam_mass_kg=float(beam_mass(problem, outer, inner)),
-        checks=tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found),
-    )
+    in_numbers = tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found)
+    return CheckedPair(outer, inner, float(beam_mass(problem, outer, inner)), in_numbers)
 
 
 Pair = tuple[Tube, Tube]
@@ -327,7 +301,7 @@ def eased(asked: Requirements, name: str, share: Any) -> Any:
 
     The way is by equal factors where it does not end at zero: a load may be orders of magnitude too large.
     """
-    figure, easiest = float(getattr(asked, name)), REQUIREMENTS[name].easiest
+    figure, easiest = float(asked[name]), REQUIREMENTS[name].easiest
     return figure * (easiest / figure) ** share if easiest else figure * (1 - share)
 
 
@@ -341,16 +315,15 @@ def enough_of(asked: Requirements, name: str, share: float) -> float:
 
 def relaxable(asked: Requirements) -> list[str]:
     """Names of those that can be eased."""
-    figures = zip(REQUIREMENTS.items(), asked, strict=True)
-    return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
+    return [name for name, figure in asked.items() if float(figure) != REQUIREMENTS[name].easiest]
 
 
 def confirmed(problem: DesignProblem, found: Iterable[tuple[str, float, Pair]]) -> tuple[Relaxation, ...]:
     """The relaxations, the relatively smallest first, whose pairs really pass with the rounded figure."""
     asked = requirements(problem)
     every = [
-        Relaxation(REQUIREMENTS[name].key, float(getattr(asked, name)), enough, *pair)
+        Relaxation(REQUIREMENTS[name].key, float(asked[name]), enough, *pair)
         for name, enough, pair in found
-        if check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible
+        if check_sections(problem, *pair, asked={**asked, name: enough}).feasible
     ]
     return tuple(sorted(every, key=lambda one: one.share))

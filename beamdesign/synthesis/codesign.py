@@ -107,15 +107,10 @@ class Codesign(Result):
         """What a JSON file holds of it."""
         if self.point is None:
             return finite(picked(self, "reason change attempts"))
-        point = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
-        return finite({
-            **point,
-            "outer": self.point.outer.sizes,
-            "inner": self.point.inner.sizes,
-            "controller": self.point.proved.controller,
-            "checks": [picked(check, "name value limit utilisation") for check in self.point.checks],
-            "attempts": self.attempts,
-        })  # fmt: skip
+        masses = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
+        chosen = picked(self.point, "outer=outer.sizes inner=inner.sizes controller=proved.controller")
+        checks = [picked(check, "name value limit utilisation") for check in self.point.checks]
+        return finite(masses | chosen | {"checks": checks, "attempts": self.attempts})
 
     def columns(self) -> dict[str, Any]:
         """Its row in a table of many."""
@@ -188,10 +183,9 @@ def codesign(
     )
     if found.proved is None:
         low, high = masses_kg
-        reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
-            "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
-        )
-        return Codesign(bandwidth_Hz, masses_kg, None, attempts, reason + more, left_out=tuple(limit.left_out))
+        why = ("; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason) + more
+        reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: {why}"
+        return Codesign(bandwidth_Hz, masses_kg, None, attempts, reason, left_out=tuple(limit.left_out))
     point = _point(problem, masses_kg, found.proved)
     held = working(problem, point.prototype, masses_kg, point.proved.bandwidth_Hz)
     answer = bandwidth_Hz, masses_kg, None if held.reason else point, attempts, held.reason

@@ -8,7 +8,7 @@ from typing import Any
 
 from beamdesign.arguments import takes
 from beamdesign.problem import DesignProblem
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
@@ -119,10 +119,8 @@ def run_design(
                 likely = ways or easier(problem)
                 ways = carried(problem, ways, lacking) or carried(problem, easier(problem), lacking)
                 if not ways and over():
-                    words = (
-                        f"{found.reason}; what may help, not tried for want of time: {' or '.join(in_words(likely))}"
-                    )
-                    found = replace(found, reason=words)
+                    untried = f"what may help, not tried for want of time: {' or '.join(in_words(likely))}"
+                    found = replace(found, reason=f"{found.reason}; {untried}")
             found = replace(found, ways=ways)
     return replace(found, left_out=tuple(limit.left_out))
 
@@ -160,14 +158,8 @@ def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> Design
     if held.reason:
         return DesignRun(problem, sizing, None, None, None, held.reason, holding=held)
     sought = problem.controller
-    tuned = tune(
-        limited(rig, sought.kind),
-        masses,
-        sought.kind,
-        progress=lambda fraction, text: report(0.2 + 0.6 * fraction, text),
-        sigmas=sigmas,
-        **sought.sought,
-    )
+    asked = sought.sought | {"progress": part_of(report, 0.2, 0.8), "sigmas": sigmas}
+    tuned = tune(limited(rig, sought.kind), masses, sought.kind, **asked)
     if tuned.reason:
         return DesignRun(problem, sizing, tuned, None, None, tuned.reason)
     assert tuned.best is not None

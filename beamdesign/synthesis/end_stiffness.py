@@ -384,17 +384,10 @@ def in_words(found: EndStiffness) -> list[str]:
         lines.append(
             f"Proved: stable against {some} to {reach:.15g} N/m{damped}." if reach > 0 else "No wall is proved stable."
         )
-    touched = found.unilateral_contact
-    if touched.stiffness_N_per_m > 0:
-        lines.append(
-            f"Proved: comes to rest at any one-sided spring up to {touched.stiffness_N_per_m:.15g} N/m, touching and"
-            " letting go."
-        )
+    touched, up_to = found.unilateral_contact, found.unilateral_contact.stiffness_N_per_m
+    if up_to > 0:
+        lines.append(f"Proved: comes to rest at any one-sided spring up to {up_to:.15g} N/m, touching and letting go.")
     if not touched.whole or (wall.damping[1] > 0 and not found.passivity.holds):
-        springs = (
-            "any walls"
-            if touched.stiffness_N_per_m == 0
-            else "walls that damp" + " or are stiffer" * (not touched.whole)
-        )
+        springs = "any walls" if up_to == 0 else "walls that damp" + " or are stiffer" * (not touched.whole)
         lines.append(f"Undecided: touching and letting go of {springs}; `beamdesign simulate` shows what they do.")
     return lines

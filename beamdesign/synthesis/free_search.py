@@ -25,7 +25,6 @@ from beamdesign.synthesis.checks import (
     CheckedPair,
     Pair,
     Relaxation,
-    Requirements,
     beam_mass,
     check_sections,
     checks,
@@ -66,7 +65,7 @@ class Program:
         problem: what is asked.
         variables: sizes in `size_units`, then the four local buckling factors, (8, 1).
         asked: symbols of the requirements in use, (r, 1).
-        names: their field names in `Requirements`.
+        names: their names in `REQUIREMENTS`.
         figures: their values in the problem, (r,).
         mass: beam mass, kg.
         constraints: g, (c, 1).
@@ -181,9 +180,8 @@ def sizing_program(problem: DesignProblem) -> Program:
     sizes, factors = ca.SX.sym("sizes", 4), ca.SX.sym("factors", 4)
     outer, inner = pair_of(problem, [float(unit) * sizes[i] for i, unit in enumerate(size_units(problem))])
     nominal = requirements(problem)
-    names = tuple(name for name, figure in nominal._asdict().items() if figure is not None)
-    asked = ca.SX.sym("asked", len(names))
-    symbols = Requirements(**nominal._asdict() | {name: asked[i] for i, name in enumerate(names)})
+    asked = ca.SX.sym("asked", len(nominal))
+    symbols = {name: asked[i] for i, name in enumerate(nominal)}
 
     pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
     found = checks(problem, outer, inner, symbols, pairs)
@@ -209,8 +207,8 @@ def sizing_program(problem: DesignProblem) -> Program:
         problem=problem,
         variables=ca.vertcat(sizes, factors),
         asked=asked,
-        names=names,
-        figures=np.array([float(getattr(nominal, name)) for name in names]),
+        names=tuple(nominal),
+        figures=np.array([float(figure) for figure in nominal.values()]),
         mass=beam_mass(problem, outer, inner),
         constraints=ca.vertcat(*constraints),
         checks=tuple(check.name for check in found),
@@ -335,15 +333,8 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
     order = np.argsort(-multipliers[: len(program.checks)])
     active = tuple(program.checks[i] for i in order if multipliers[i] > 0)
     found = check_sections(problem, *tubes(problem, best))
-    return FreeOptimum(
-        pair=found,
-        governing=active[0] if active else found.governing,
-        active=active,
-        kkt_residual=residual,
-        shadow_prices=_prices(program, per_figure),
-        starts=len(ends),
-        starts_agreeing=agreeing,
-    )
+    governing, prices = active[0] if active else found.governing, _prices(program, per_figure)
+    return FreeOptimum(found, governing, active, residual, prices, len(ends), agreeing)
 
 
 def _prices(program: Program, per_figure: np.ndarray) -> dict[str, float]:

@@ -102,9 +102,14 @@ class Demanded(NamedTuple):
         return self.needed <= self.available
 
     @property
-    def words(self) -> str:
+    def figures(self) -> tuple[str, str]:
         """Both, rounded away from each other, so that print does not make equal what is not."""
-        needed, available = at_most(self.needed, self.unit), at_least(self.available, self.unit)
+        return at_most(self.needed, self.unit), at_least(self.available, self.unit)
+
+    @property
+    def words(self) -> str:
+        """Both in words."""
+        needed, available = self.figures
         return f"{needed} of {self.name} instead of {available}"
 
 
@@ -145,8 +150,7 @@ class Holding:
         """Why the design is none, in a sentence; empty where it is one."""
         if not self.missed:
             return ""
-        words = " and ".join(limit.words for limit in self.missed)
-        return f"for {self.held} the design needs {words}"
+        return f"for {self.held} the design needs {' and '.join(limit.words for limit in self.missed)}"
 
     @property
     def held(self) -> str:
@@ -155,13 +159,7 @@ class Holding:
 
     def rows(self) -> list[tuple[str, str]]:
         """For people: what is held, what of each limit it takes, and what was not asked."""
-        limits = [
-            (
-                f"takes of {limit.name}",
-                f"{at_most(limit.needed, limit.unit)} of {at_least(limit.available, limit.unit)}",
-            )
-            for limit in self.limits[1:-1]
-        ]
+        limits = [(f"takes of {limit.name}", " of ".join(limit.figures)) for limit in self.limits[1:-1]]
         unasked = [(f"{name} not asked for want of", key) for name, key in self.missing.items()]
         return [("holds, link level", f"{self.held}, of {rigs_in_words(0.0)}"), *limits, *unasked]
 

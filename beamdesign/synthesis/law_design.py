@@ -104,10 +104,9 @@ class Proved:
         lower = prototype.goal.lower_gains or forbidden_shares(prototype, masses_kg)
         rests = any(one.kind == "slope" for one in box.claims) if box else _rests(prototype, masses_kg)
         frozen = [name for name in sorted(prototype.effects) if not is_linear(name) and name not in IN_THE_CURRENT]
+        shown = "bandwidth_Hz peak_sensitivity peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"
         return {
-            "bandwidth_Hz": self.bandwidth_Hz,
-            "peak_sensitivity": self.peak_sensitivity,
-            **picked(self, "peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"),
+            **picked(self, shown),
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
@@ -217,11 +216,6 @@ def unknown(task: Search, design: Design) -> list[Cut]:
     box = over_box(task, design)
     known = points.servo_off(design.inner_end_mass) > _KNOWN * box.servo_off_m_per_N
     return [] if known else [box.softest_without_servo()]
-
-
-def touches(task: Search, design: Design) -> bool:
-    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
-    return task.reached(design, ROOM) < ENOUGH * task.reached(design)
 
 
 def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:

@@ -17,18 +17,7 @@ import numpy as np
 from beamdesign.controllers.protocol import Form
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, part_of, silent
-from beamdesign.synthesis.law_design import (
-    ENOUGH,
-    ROOM,
-    Proved,
-    in_box,
-    loop_set,
-    rests,
-    touches,
-    unknown,
-    value_of,
-    whole,
-)
+from beamdesign.synthesis.law_design import ENOUGH, ROOM, Proved, in_box, loop_set, rests, unknown, value_of, whole
 from beamdesign.synthesis.law_starts import calmed, with_more_inside
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, Design, calmer
@@ -234,6 +223,11 @@ def _spare(task: Search) -> tuple[float, float]:
     return (0.0, TOUCH) if task.spread is None else (ROOM, ROOM + 2 * TOUCH)
 
 
+def _touches(task: Search, design: Design) -> bool:
+    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
+    return task.reached(design, ROOM) < ENOUGH * task.reached(design)
+
+
 def _mended(task: Search, design: Design) -> Design:
     """From where a refinement finds its way: from far outside of the limits no small step keeps them all."""
     design = calmed(task, design)
@@ -302,7 +296,7 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             task = harder
             refinement = task.refinement(design.form)
             design = calmed(task, design)
-        elif task.spread is not None and stiffer < _STIFFEST and touches(task, design):
+        elif task.spread is not None and stiffer < _STIFFEST and _touches(task, design):
             stiffer *= 3  # between the points where it is enforced, where little of the bandwidth would be proved
         else:
             found, why, cuts = whole(task, design, loops)

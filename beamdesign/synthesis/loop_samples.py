@@ -148,14 +148,10 @@ _BETWEEN = 1001
 
 
 def samples(
-    plant: BilinearPlant,
-    frequency_Hz: np.ndarray,
-    outer_end_masses: Sequence[float],
-    factor: float = 1.0,
-    relaxed: float = 1.0,
+    plant: BilinearPlant, frequency_Hz: np.ndarray, outer_kg: Sequence[float], factor: float = 1.0, relaxed: float = 1.0
 ) -> Samples:
     """A grid of frequencies at each of some outer end masses (kg), with the plant's gain times a factor."""
-    masses, s = np.asarray(outer_end_masses, dtype=float)[:, None], 2j * pi * frequency_Hz
+    masses, s = np.asarray(outer_kg, dtype=float)[:, None], 2j * pi * frequency_Hz
 
     def on_axis(polynomial: fmpq_poly) -> np.ndarray:
         return at_points(polynomial, s)

@@ -197,15 +197,9 @@ class LawRefinement:
         return max(0.0, -float(kept.min(initial=0.0)))
 
     def _solved(
-        self,
-        start: np.ndarray,
-        now: Slacks,
-        met: np.ndarray,
-        bandwidth_Hz: float,
-        spare: tuple[float, float],
-        reach: float,
+        self, start: np.ndarray, now: Slacks, met: np.ndarray, reached: float, spare: tuple[float, float], reach: float
     ) -> tuple[np.ndarray, float]:
-        """Variables of the program's optimum, and the value that it foresees there."""
+        """Variables of the program's optimum, and the value that it foresees there; a bandwidth (Hz) is reached."""
         lower, upper = self.bounds
         sizes = self._sizes
         moves = reach * np.append(self.form.moves, sizes[self.form.size :])
@@ -213,7 +207,7 @@ class LawRefinement:
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
         most = self._aimed
-        beta = min(log(max(bandwidth_Hz, near, 0.5 * self.pace)), most)
+        beta = min(log(max(reached, near, 0.5 * self.pace)), most)
         highest_beta = min(beta + (0.25 if self.sections is None else 1.0), most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0
@@ -328,8 +322,7 @@ class LawRefinement:
         )  # fmt: skip
         options = QUIET_IPOPT | {"ipopt.max_iter": 70, "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3}
         options |= {"ipopt.mumps_pivot_order": 0}  # by least degree: few variables, many slacks
-        solver = ca.nlpsol("refinement", "ipopt", program, options | derivatives)
-        return solver, servo_off
+        return ca.nlpsol("refinement", "ipopt", program, options | derivatives), servo_off
 
     def _softest(self) -> tuple[int, float]:
         """Which of the plants, at which outer end mass (kg), has the largest compliance without a law."""

@@ -145,16 +145,10 @@ def _remedy(
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
         return Remedy(freedom.name, 0.0, 0.0, inf, *tubes(problem, given, rounded=True), 0.0, (), (masses_kg,), reason)
     sizes = proved.variables[-len(given) :]
-    return Remedy(
-        freedom.name,
-        section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg,
-        proved.bandwidth_Hz,
-        proved.peak_sensitivity,
-        *tubes(problem, sizes, rounded=True),
-        proved.inner_end_mass_kg,
-        (proved,),
-        (masses_kg,),
-    )
+    added = section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg
+    figures = freedom.name, added, proved.bandwidth_Hz, proved.peak_sensitivity
+    pair = tubes(problem, sizes, rounded=True)
+    return Remedy(*figures, *pair, proved.inner_end_mass_kg, (proved,), (masses_kg,))
 
 
 def _no_worse(found: Remedy, known: Remedy) -> Remedy:
@@ -179,16 +173,14 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], whole: Re
     for k, part in enumerate(parts):
         with share(1 / (len(parts) - k)):
             found.append(_no_worse(_remedy(SCHEDULED, problem, part, 0.0, sigmas, whole.proved), whole))
-    failed = [
-        f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
-    ]
+    why = [f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason]
     return replace(
         found[0],
         bandwidth_Hz=min(one.bandwidth_Hz for one in found),
         peak_sensitivity=max(one.peak_sensitivity for one in found),
         proved=tuple(proved for one in found for proved in one.proved),
         parts_kg=tuple(parts),
-        reason="; ".join(failed),
+        reason="; ".join(why),
     )
 
 

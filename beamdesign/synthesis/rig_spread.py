@@ -233,11 +233,8 @@ class BoxTask:
         return self._cut(self._servo_off[1])
 
     def _cut(self, worst: Worst) -> Cut:
-        factors = {
-            name: nearest(worst.parameters[name] / self.box.nominal[name])
-            for name in self.spread.deviations
-            if name in self.box.nominal
-        }
+        known, nominal = self.spread.deviations, self.box.nominal
+        factors = {name: nearest(worst.parameters[name] / nominal[name]) for name in known if name in nominal}
         z = tuple(map(float, self.spread.off(factors)))
         return Cut(z, nearest(worst.parameters["outer_end_mass"]), worst.frequency_Hz)
 

@@ -13,16 +13,8 @@ from beamdesign.synthesis.loop_samples import ends
 COARSE_HZ = np.concatenate(
     [np.geomspace(0.05, 5, 25), np.geomspace(5.3, 150, 130), np.geomspace(155, 1e3, 25), [3e3, 1e4, 1e5]]
 )
-FINE_HZ = np.concatenate(
-    [
-        np.geomspace(0.01, 0.98, 20),
-        np.geomspace(1, 4.9, 80),
-        np.geomspace(5, 60, 250),
-        np.geomspace(61, 150, 60),
-        np.geomspace(153, 1200, 60),
-        np.geomspace(1300, 1e5, 10),
-    ]
-)
+_FINE = ((0.01, 0.98, 20), (1, 4.9, 80), (5, 60, 250), (61, 150, 60), (153, 1200, 60), (1300, 1e5, 10))
+FINE_HZ = np.concatenate([np.geomspace(*part) for part in _FINE])
 """Fine where peaks may be sharp; far above everything, the law's effort still grows."""
 
 MODES_HZ = np.geomspace(155.0, 700.0, 100)

@@ -105,8 +105,7 @@ class Sections:
     def structure(self, inner: Any, chosen: Any) -> Any:
         """Slacks that must not be negative with a mass inside (kg), in symbols or numbers."""
         constraints, mass = self._parts(chosen)
-        most = self.largest_mass_kg
-        unit = self.mass_unit_kg
+        most, unit = self.largest_mass_kg, self.mass_unit_kg
         spare = [] if most is None else [(most - _ROUNDED_MASS * unit - mass - inner) / unit]
         return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if self.free else ca.DM(0, 1)
 

@@ -16,7 +16,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, picked
-from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.lumped import lumped_beam, unstated
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.structure.shapes import Clearance, Safety, SizedFor, Sizes
 from beamdesign.synthesis.checks import (
@@ -35,9 +35,6 @@ from beamdesign.synthesis.checks import (
     requirements,
 )
 from beamdesign.synthesis.free_search import FreeOptimum, free_optimum, relax_free
-
-_ASKED = ("length_m", "free_length_m", "material")
-_GEOMETRY = ("width_m", "wall_m", *_ASKED)
 
 
 @dataclass(frozen=True)
@@ -137,7 +134,7 @@ def relax_stock(problem: DesignProblem, stock: Stock) -> tuple[tuple[Relaxation,
     asked = requirements(problem)
 
     def lightest(name: str, figure: float) -> Pair | None:
-        return passing_pairs(problem, stock, asked._replace(**{name: figure}))[1]
+        return passing_pairs(problem, stock, {**asked, name: figure})[1]
 
     found = []
     for name in relaxable(asked):
@@ -192,41 +189,31 @@ class Sizing(Result, CheckedPair):
         """The pair alone."""
         return CheckedPair(self.outer, self.inner, self.beam_mass_kg, self.checks)
 
+    @property
+    def compared(self) -> dict[str, CheckedPair | None]:
+        """The pairs that are told beside each other."""
+        free, stock = self.free.pair if self.free else None, self.stock.pair if self.stock else None
+        return {"free": free, "stock": stock, "given": self.given}
+
     def rows(self) -> list[tuple[str, str, str, float, str]]:
         """The pairs that were found: which, both tubes in mm, mass in kg, and what their checks say."""
-        pairs = {
-            "free sizes": self.free and self.free.pair,
-            "stock sizes": self.stock and self.stock.pair,
-            "given in the study": self.given,
-            "nearest pair": None if self.feasible else self.chosen,
-        }
-        return [
-            (
-                f"{name} (chosen)" if self.feasible and pair == self.chosen else name,
-                pair.outer.millimetres,
-                pair.inner.millimetres,
-                pair.beam_mass_kg,
-                f"fails {'; '.join(check.name for check in pair.failing)}"
-                if pair.failing
-                else f"passes, governed by {pair.governing}",
-            )
-            for name, pair in pairs.items()
-            if pair
-        ]
+        rows, names = [], ("free sizes", "stock sizes", "given in the study", "nearest pair")
+        for name, pair in zip(names, (*self.compared.values(), None if self.feasible else self.chosen), strict=True):
+            if pair:
+                failing = "; ".join(check.name for check in pair.failing)
+                words = f"fails {failing}" if failing else f"passes, governed by {pair.governing}"
+                which = f"{name} (chosen)" if self.feasible and pair == self.chosen else name
+                rows.append((which, pair.outer.millimetres, pair.inner.millimetres, pair.beam_mass_kg, words))
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign size` writes of it."""
-
-        def compared(pair: CheckedPair | None) -> dict[str, Any] | None:
-            return None if pair is None else pair.to_dict() | picked(pair, "feasible governing")
-
+        pairs = self.compared.items()
         fields = self.chosen.to_dict() | {
             **picked(self, "governing feasible reason choose kkt_residual shadow_prices price_of_rounding_kg"),
             "active": list(self.free.active) if self.free else [],
             "relaxations": [picked(item, "key asked enough") for item in self.relaxations],
-            "free": compared(self.free.pair if self.free else None),
-            "stock": compared(self.stock.pair if self.stock else None),
-            "given": compared(self.given),
+            **{name: pair and pair.to_dict() | picked(pair, "feasible governing") for name, pair in pairs},
         }
         return finite(fields)
 
@@ -320,36 +307,25 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
     Raises:
         InputError: naming every key of geometry that is missing.
     """
-    beams = {"outer_beam": prototype.outer_beam, "inner_beam": prototype.inner_beam}
-    missing = [
-        Problem(f"{name}.{key}", "missing; the checks of sections need it, lumped figures are not enough")
-        for name, beam in beams.items()
-        for key in _GEOMETRY
-        if getattr(beam, key) is None
-    ]
-    if missing:
-        raise InputError(source, missing)
+    if missing := unstated(prototype, ("width_m", "wall_m", "length_m", "free_length_m", "material")):
+        reason = "missing; the checks of sections need it, lumped figures are not enough"
+        raise InputError(source, [Problem(key, reason) for key in missing])
     asked = dict(prototype.sized_for or SizedFor())
     sizes, gaps, factors = ({name: asked[name] for name in of.model_fields} for of in (Sizes, Clearance, Safety))
     return DesignProblem(
-        name=prototype.name,
         load=Load(tip_force_N=tip_force_N),
         sections=Sections(choose="fixed", **sizes),
         clearance=Clearance(**gaps),
         safety=Safety(**factors),
         outer_beam=_asked_of(prototype.outer_beam),
         inner_beam=_asked_of(prototype.inner_beam),
-        actuator=prototype.actuator,
-        servovalve=prototype.servovalve,
-        sensor=prototype.sensor,
         payload=Payload(outer_end_mass_kg=prototype.payload.outer_end_mass_kg or (0.0, 0.0)),
-        goal=prototype.goal,
-        tolerance=prototype.tolerance,
+        **picked(prototype, "name actuator servovalve sensor goal tolerance"),
     )
 
 
 def _asked_of(beam: Beam) -> BeamProblem:
-    same = {key: getattr(beam, key) for key in (*_ASKED, "shape", "end_mass_kg", "damping_ratio")}
+    same = picked(beam, "length_m free_length_m material shape end_mass_kg damping_ratio")
     ratio = beam.tube.depth_over_width if beam.tube is not None and beam.shape == "rectangle" else None
     return BeamProblem.model_validate(same | {"depth_over_width": ratio})
 

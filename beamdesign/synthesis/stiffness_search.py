@@ -7,7 +7,6 @@ A design is carried to a prototype and its two certificates: of the loop, and of
 does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -21,7 +20,7 @@ from beamdesign.plant.assembly import pace
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
@@ -164,12 +163,8 @@ def stiffness(
     needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
     for k, one in enumerate(needs):
         search = _Search(prototype, others, end_stiffness_N_per_m, masses, wall, one, servo)
-
-        def through(share: float, k: int = k, one: Need = one) -> None:
-            progress((k + share) / len(needs), f"laws that are {_WORDS[one]}")
-
         with share(1 / (len(needs) - k)):
-            law = search.best(through)
+            law = search.best(part_of(progress, k / len(needs), (k + 1) / len(needs)))
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses, wall)
@@ -205,6 +200,10 @@ _WORDS: dict[Need, str] = {
 }
 
 
+_Best = tuple[float, np.ndarray | None]
+"""Score and point of a law; none scores 0."""
+
+
 @dataclass
 class _Search:
     """One search: laws as logarithms of their figures, scored on samples, admitted by proof."""
@@ -224,51 +223,45 @@ class _Search:
         self.figures = paper_model(self.prototype).figures
         self.frequency_Hz = pace(self.figures) * _SEARCH_HZ
 
-    def best(self, progress: Callable[[float], None]) -> Compliance | None:
+    def best(self, progress: Progress) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
+        words = f"laws that are {_WORDS[self.need]}"
         quicker = np.log10(pace(self.figures)) * np.array([0, 1, 1, 1])
-        lowest, highest = (np.clip(ends + quicker, *_OF_EACH.T) for ends in (_LOWEST, _HIGHEST))
+        bounds = np.clip([_LOWEST + quicker, _HIGHEST + quicker], *_OF_EACH.T)
         if self.servo:
-            progress(0.0)
-            point = self._local_search(0, lowest[3:], highest[3:], _KEPT_STARTS, _KEPT_STEPS)[1]
+            progress(0.0, words)
+            point = self._local_search(0, bounds[:, 3:], _KEPT_STARTS, _KEPT_STEPS)[1]
             return None if point is None else self._law(point)
         least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * self.figures["outer_stiffness"])
-        lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
+        bounds[0, 0] = np.log10(max(least_gain(self.prototype, least), 10 ** bounds[0, 0]))
         # What a drive needs of current is its own affair, and may be more: a screw's, or that of a small piston.
-        highest[0] = min(max(highest[0], lowest[0] + _GAINS), _OF_EACH[0, 1])
-        if lowest[0] > highest[0]:
+        bounds[1, 0] = min(max(bounds[1, 0], bounds[0, 0] + _GAINS), _OF_EACH[0, 1])
+        if bounds[0, 0] > bounds[1, 0]:
             return None
-        found: list[tuple[float, np.ndarray | None]] = []
+        found: list[_Best] = []
         for k in range(_ROUNDS):
-            progress(k / (_ROUNDS + 1))
+            progress(k / (_ROUNDS + 1), words)
             with share(1 / (_ROUNDS + 1 - k)):
-                found.append(self._local_search(k, lowest, highest, _STARTS, _STEPS))
+                found.append(self._local_search(k, bounds, _STARTS, _STEPS))
         best = max(found, key=lambda one: one[0])
-        progress(_ROUNDS / (_ROUNDS + 1))
-        _, point = self._local_search(_ROUNDS, lowest, highest, 0, _REFINING_STEPS, best, 0.05)
+        progress(_ROUNDS / (_ROUNDS + 1), words)
+        _, point = self._local_search(_ROUNDS, bounds, 0, _REFINING_STEPS, best, 0.05)
         return None if point is None else self._law(point)
 
     def _local_search(
-        self,
-        seed: int,
-        lowest: np.ndarray,
-        highest: np.ndarray,
-        starts: int,
-        steps: int,
-        begin: tuple[float, np.ndarray | None] = (0.0, None),
-        width: float = 0.4,
-    ) -> tuple[float, np.ndarray | None]:
-        """Score and point of the best law of a local search by ever smaller steps, after scattered starts."""
+        self, seed: int, bounds: np.ndarray, starts: int, steps: int, begin: _Best = (0.0, None), width: float = 0.4
+    ) -> _Best:
+        """The best law of a local search by ever smaller steps, after scattered starts."""
         (top, point), random = begin, np.random.default_rng(seed)
         for k in range(starts + steps):
             if over():
                 leave_out("further laws")
                 break
             if k < starts or point is None:
-                here = random.uniform(lowest, highest)
+                here = random.uniform(*bounds)
             else:
                 reach = width * 0.1 ** ((k - starts) / steps)
-                here = np.clip(point + reach * random.standard_normal(len(point)), lowest, highest)
+                here = np.clip(point + reach * random.standard_normal(len(point)), *bounds)
             controller = controller_of(self.prototype, self._law(here))
             closed = close_loop(self.plant, controller)
             self.tried += 1
@@ -344,9 +337,8 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
     """
     law, masses = prototype.own_controller, (exact(masses_kg[0]), exact(masses_kg[1]))
     drawn = [close_loop(plant, law) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
-    needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
-        DrawnRig(one.at(0.0).static_stiffness(), *(in_contact(one, masses, wall, need) for need in needs))
+        DrawnRig(one.at(0.0).static_stiffness(), **{need: in_contact(one, masses, wall, need) for need in NEEDS})
         for one in drawn
     )
 

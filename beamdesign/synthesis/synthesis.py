@@ -19,7 +19,7 @@ most twice the sum of the Hankel singular values left out (K. Glover, Internatio
 and B. D. O. Anderson, International Journal of Control 50, 1989, for the residualised model).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -46,6 +46,10 @@ class GeneralisedPlant:
     c2: np.ndarray
     d12: np.ndarray
     d21: np.ndarray
+
+
+Solver = Callable[[GeneralisedPlant], StateSpace]
+"""Gives the controller of a plant."""
 
 
 def lqg(plant: GeneralisedPlant) -> StateSpace:
@@ -251,12 +255,8 @@ def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
 
 def _roll_off(weights: Weights) -> StateSpace:
     w = weights.roll_off
-    return StateSpace(
-        np.array([[0.0, w], [-w, -2 * _ROLL_OFF_DAMPING * w]]),
-        np.array([[0.0], [w]]),
-        np.array([[1.0, 0.0]]),
-        np.zeros((1, 1)),
-    )
+    a, b = np.array([[0.0, w], [-w, -2 * _ROLL_OFF_DAMPING * w]]), np.array([[0.0], [w]])
+    return StateSpace(a, b, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
 
 
 def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) -> StateSpace:
@@ -266,10 +266,8 @@ def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) 
         ValueError: for a law that is not stable.
     """
     model = residualised(_roll_off(weights).behind(law), order)
-    b = model.b / plant.sensor_units / plant.time_unit_s
-    return StateSpace(
-        model.a / plant.time_unit_s, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
-    )
+    b, d = model.b / plant.sensor_units / plant.time_unit_s, model.d * plant.current_A / plant.sensor_units
+    return StateSpace(model.a / plant.time_unit_s, b, model.c * plant.current_A, d)
 
 
 def residualised(whole: StateSpace, order: int) -> StateSpace:

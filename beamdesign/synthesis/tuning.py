@@ -32,7 +32,7 @@ from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import mass_unit_kg, most_inside_kg, pace
 from beamdesign.plant.members import served
 from beamdesign.polynomial import nearest
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
@@ -332,10 +332,8 @@ def _tune_stages(
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
         return whole
-    changes = stage_families(rig), *whole_kg
-    proved = switching(
-        *changes, dwell_s=schedule.dwell_s, update=lambda share, text: report((steps - 1 + share) / steps, text)
-    )
+    told = part_of(report, (steps - 1) / steps, 1.0)
+    proved = switching(stage_families(rig), *whole_kg, dwell_s=schedule.dwell_s, update=told)
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
     return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))

@@ -7,7 +7,7 @@ structure stays that of the observer, the figures are no longer optimal by any w
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, log, log2, pi
@@ -20,23 +20,14 @@ from beamdesign.controllers.observer import block_form
 from beamdesign.plant.assembly import mass_unit_kg, pace, sizes
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import LinearModel
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_samples import Design, Samples, form_for, rig_samples, sampled_masses, slacks_of
 from beamdesign.synthesis.sampled_frequencies import COARSE_HZ
-from beamdesign.synthesis.synthesis import (
-    GeneralisedPlant,
-    Weights,
-    hinf,
-    lqg,
-    realised,
-    scaled_plant,
-    sensed_model,
-    weighted,
-)
+from beamdesign.synthesis.synthesis import Solver, Weights, hinf, lqg, realised, scaled_plant, sensed_model, weighted
 from beamdesign.time_limit import leave_out, over, share, while_time
 
 AIM_HZ = 5.0
@@ -107,7 +98,7 @@ class WeightSearch:
         found = np.array([*rows, (0.0, self.task.inner_kg[1]), self.task.masses_kg])
         return found[:, 0], found[:, 1]
 
-    def proposal(self, variables: np.ndarray, solve: Callable[[GeneralisedPlant], StateSpace]) -> Proposal | None:
+    def proposal(self, variables: np.ndarray, solve: Solver) -> Proposal | None:
         """The controller of some weights; None where there is none, or none that is stable."""
         weights, inner = Weights(*np.exp(variables[: len(_LOG_BOUNDS)])), float(variables[-2])
         goal, points = self.task.goal, self.points
@@ -148,7 +139,7 @@ class WeightSearch:
         found = [self.proposal(lower + row * (upper - lower), lqg) for row in rows]
         return sorted((one for one in found if one is not None and one.cost < _UNSTABLE), key=lambda one: one.cost)
 
-    def improved(self, start: Proposal, solve: Callable[[GeneralisedPlant], StateSpace], evaluations: int) -> Proposal:
+    def improved(self, start: Proposal, solve: Solver, evaluations: int) -> Proposal:
         """The best that a simplex search (J. A. Nelder and R. Mead, Computer Journal 7, 1965) finds from a start."""
         from scipy.optimize import minimize
 
@@ -227,7 +218,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     ]
     if not proposed:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
-    return search(task, proposed, report=lambda part, text: report(0.4 + 0.6 * part, text))
+    return search(task, proposed, report=part_of(report, 0.4, 1.0))
 
 
 def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:

@@ -217,22 +217,15 @@ def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_flo
     def matrix(rows: Sequence[Form], columns: Sequence[str]) -> fmpq_mat:
         return fmpq_mat(len(rows), len(columns), [row.get(name, fmpq(0)) for row in rows for name in columns])
 
-    after = [forms.after[name] for name in states]
-    whole = (*states, *given, *names)
-    return LinearLaw(
-        states,
-        tuple(channel.reading for channel in law.channels),
-        tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items()),
-        matrix(after, states),
-        matrix(after, given),
-        matrix([current], states),
-        matrix([current], given),
-        matrix(after, names),
-        matrix([current], names),
-        matrix([form for _, form in forms.signals.values()], whole),
-        tuple(place for place, _ in forms.signals.values()),
-        matrix([form for _, _, form in forms.roundings.values()], whole),
-    )
+    both, whole = ([forms.after[name] for name in states], [current]), (*states, *given, *names)
+    a, b, c, d = (matrix(rows, columns) for rows in both for columns in (states, given))
+    f, g = (matrix(rows, names) for rows in both)
+    sensed = tuple(channel.reading for channel in law.channels)
+    roundings = tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items())
+    signals = matrix([form for _, form in forms.signals.values()], whole)
+    places = tuple(place for place, _ in forms.signals.values())
+    rounded = matrix([form for _, _, form in forms.roundings.values()], whole)
+    return LinearLaw(states, sensed, roundings, a, b, c, d, f, g, signals, places, rounded)
 
 
 @dataclass

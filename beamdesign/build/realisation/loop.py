@@ -257,13 +257,10 @@ def realised_loop(
 def prove_sampled(loop: RealisedLoop, low_kg: float, high_kg: float) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
     low, high = exact(low_kg), exact(high_kg)
-    largest, proved, seen, reached = 0.0, 0, 0, low
-    open_pieces = [(low, high)]
+    proved, reached, open_pieces = 0, low, [(low, high)]
     with ctx.workprec(LOOP_BITS):
-        for end in dict.fromkeys((low, high)):
-            modulus = float(np.abs(np.linalg.eigvals(loop.matrix(end))).max())
-            seen += 1
-            largest = max(largest, modulus)
+        ends = [float(np.abs(np.linalg.eigvals(loop.matrix(end))).max()) for end in dict.fromkeys((low, high))]
+        largest, seen = max(ends), len(ends)
         while open_pieces and largest < 1:
             first, last = open_pieces.pop()
             centre = 1 / loop.plant.shares(first, last)[0] - loop.plant.bare_mass

@@ -149,10 +149,8 @@ def realise(
     # Never more places than a product has: the last operation drops places, it cannot make any. The sum of up to four
     # products has to fit two words, so that each drops two of them at least.
     spare = 2 if len(places) > 1 else 0
-    products = [
-        coefficients[one.gain_name].places + own - spare for one, own in zip(asked.channels, places, strict=True)
-    ]
-    current_places = min(word_length - 1 - frexp(largest)[1], *products)
+    finest = [coefficients[one.gain_name].places + own - spare for one, own in zip(asked.channels, places, strict=True)]
+    current_places = min(word_length - 1 - frexp(largest)[1], *finest)
     made = Realisation(rate_Hz, asked.channels, word_length, coefficients, places, current_places, scales, largest)
     if made.current_limit < 1 or max(made.current_shifts.values()) > 2 * word_length - 2:
         raise ValueError(

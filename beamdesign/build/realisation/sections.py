@@ -119,8 +119,7 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
         raise ValueError(f"a controller with a pole or zero at zero frequency {reason}")
     if any(root.real >= 0 for group in poles for root in group):
         raise ValueError("the controller itself is not stable")
-    static = numerator(0) / denominator(0)
-    return nearest(static), _paired(poles, zeros)
+    return nearest(numerator(0) / denominator(0)), _paired(poles, zeros)
 
 
 def discretised(controller: Controller | TransferFunction, rate_Hz: float) -> DiscreteLaw:
