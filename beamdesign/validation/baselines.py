@@ -132,15 +132,11 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
     if null.reason or (base := linearised(evidence, placement, null.z)) is None:
         return Dictionary((), np.zeros((0, 0)), np.zeros(0))
     residual, tolerances = (np.concatenate(parts) for parts in zip(*base, strict=True))
-    names: list[str] = []
-    columns: list[np.ndarray] = []
-    for name in (name for name, effect in causes().items() if not effect.realises and suits(name, prototype)):
-        if (change := _change(name, prototype, evidence, null, residual)) is not None:
-            names.append(name)
-            columns.append(change)
-    names += [WRONG + RIG_TOLERANCES[unknown.name] for unknown in null.unknowns]
-    columns += list(tolerances.T)
-    d = np.column_stack(columns)
+    usual = (name for name, effect in causes().items() if not effect.realises and suits(name, prototype))
+    changes = ((name, _change(name, prototype, evidence, null, residual)) for name in usual)
+    seen = {name: change for name, change in changes if change is not None}
+    names = [*seen, *(WRONG + RIG_TOLERANCES[unknown.name] for unknown in null.unknowns)]
+    d = np.column_stack([*seen.values(), *tolerances.T])
     # Tolerances follow a term as far as their priors let them; at the null fit itself they have nothing to gain.
     across = tolerances.T @ d
     curvature = np.eye(tolerances.shape[1]) + tolerances.T @ tolerances

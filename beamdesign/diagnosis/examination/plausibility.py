@@ -73,8 +73,7 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
         InputError: of the first file that does, with column and reason.
     """
     for response in responses:
-        problems = _problems(response, prototype)
-        if problems:
+        if problems := _problems(response, prototype):
             raise InputError(response.source or response.name, problems)
 
 
@@ -360,9 +359,7 @@ def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
             for name, found in doubtful.items()
         ]
     sources = {record.name: record.source or record.name for record in records}
-    problems = []
-    for name, readings in refused.items():
-        problems += [(name, problem) for problem in _merged(readings)]
+    problems = [(name, problem) for name, readings in refused.items() for problem in _merged(readings)]
     if len(refused) == 1:
         raise InputError(sources[problems[0][0]], [problem for _, problem in problems])
     of: dict[Problem, list[str]] = {}

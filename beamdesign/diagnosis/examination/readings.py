@@ -181,15 +181,9 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
     view = View(record, prototype)
     compared = _loop(view) is not None
     for candidates, bent in ((_single, False), (_single, True), (_double, False)):
-        found = []
-        for reading, changed in candidates(view):
-            if bent and not reading.coarse:
-                continue
-            fault = _fault(changed, bent, compared)
-            if fault is not None:
-                found.append(replace(reading, fault=fault))
+        tried = ((one, _fault(changed, bent, compared)) for one, changed in candidates(view) if one.coarse or not bent)
+        found = sorted((replace(one, fault=fault) for one, fault in tried if fault is not None), key=lambda r: r.fault)
         if found:
-            found.sort(key=lambda reading: reading.fault)
             return tuple(r for r in found if r.fault < found[0].fault + 0.05)
     return ()
 
