@@ -74,8 +74,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     if len(first) < 2 or not data.records:
         return None
     among, weights = zip(*list(first.values())[:_RIVALS], strict=True)
-    ranked = experiments(data, among, weights)
-    if not ranked:
+    if not (ranked := experiments(data, among, weights)):
         return None
     best = ranked[0]
     names = tuple(str(fit.hypothesis) for fit in among)

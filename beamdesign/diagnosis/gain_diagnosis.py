@@ -237,8 +237,7 @@ _FURTHEST = 2.0
 def misfit_of(piece: Figure, hypothesis: Hypothesis, z: np.ndarray) -> float:
     """Rms of ln(measured/predicted) of one piece of evidence."""
     placement = hypothesis.placement(piece.prototype)
-    residual = piece.residual(placement, z)
-    if residual is None:
+    if (residual := piece.residual(placement, z)) is None:
         return _LOST
     return float(np.sqrt(np.mean((residual * piece.units) ** 2)))
 

@@ -245,8 +245,7 @@ def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray |
     predicted = []
     for rival in rivals:
         placement = rival.hypothesis.placement(pieces[0].prototype)
-        rows = linearised(pieces, placement, rival.z)
-        if rows is None:
+        if (rows := linearised(pieces, placement, rival.z)) is None:
             return None
         r, j = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         predicted.append((r, j @ np.linalg.cholesky(rival.covariance)))
@@ -278,8 +277,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             yield NextExperiment(text, (), 0.0, {"kind": "critical_gain"} | settings), pieces, float(len(pieces))
 
     std = min((g.relative_std for g in data.gains), default=0.03)
-    without_frequency = [g for g in data.gains if g.frequency_Hz is None]
-    if without_frequency:
+    if without_frequency := [g for g in data.gains if g.frequency_Hz is None]:
         yield from gains(
             f"Repeat the {len(without_frequency)} critical gains and note the frequency of each oscillation to"
             f" {FREQUENCY_STD:.0%}.",
@@ -307,13 +305,11 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
                     {"controller": _without_gain(law), "load_N": [load, -load]},
                     [taken(one) for one in both],
                 )
-        bare = taken(MeasuredGain(law, 0.0, 0.0, std))
-        if bare is None:
+        if (bare := taken(MeasuredGain(law, 0.0, 0.0, std))) is None:
             continue
         quiet = law.but(gain_A_per_V=float(f"{_OPEN_LOOP_MARGIN * bare.measured.gain:.3g}"))
         flat = FrequencyResponse("next", _LINES, np.ones(len(_LINES), complex), True, None, 0.0, 0.0, quiet)
-        response = ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)
-        if response is None:
+        if (response := ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)) is None:
             continue
         piece = ResponseEvidence(replace(flat, response=response), data.prototype)
         text = (

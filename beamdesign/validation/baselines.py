@@ -249,8 +249,7 @@ def _criterion(fit: Fit, evidence: Sequence[RecordEvidence], data: Dataset) -> f
     placement = fit.hypothesis.placement(data.prototype)
     squares: dict[str, list[np.ndarray]] = {}
     for piece in evidence:
-        predicted = piece.predicted(placement, fit.z)
-        if predicted is None:
+        if (predicted := piece.predicted(placement, fit.z)) is None:
             return np.inf
         for k, name in enumerate(piece.weight.channels):
             squares.setdefault(name, []).append((piece.measured[:, k] - predicted[:, k]) ** 2)

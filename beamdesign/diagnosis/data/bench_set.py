@@ -134,8 +134,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     prototype = read_bench_prototype(path.parent / entry.prototype)
     runs = tuple(run for row in entry.record for run in _runs(path.parent / row.file, row, prototype))
     taken = Counter((run.condition, run.replicate, run.side) for run in runs)
-    twice = [each for each, count in taken.items() if count > 1]
-    if twice:
+    if twice := [each for each, count in taken.items() if count > 1]:
         raise InputError(path, [("record", f"{c}, replicate {r}, chamber {s} stands twice") for c, r, s in twice])
     conditions = dict.fromkeys(run.condition for run in runs)
     alone = [

@@ -243,8 +243,7 @@ def _acted(
     Raises:
         InputError: where that cannot be told, and for stages that there are not.
     """
-    schedule = in_plane(model).schedule
-    if schedule is None:
+    if (schedule := in_plane(model).schedule) is None:
         if stages:
             raise InputError("gap import", [("--stage", f"{model.name} has no scheduled controller")])
         return [None] * len(files)

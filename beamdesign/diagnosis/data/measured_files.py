@@ -284,8 +284,7 @@ def _matlab(path: Path) -> Measured:
     except Exception as error:  # whatever the reader raises of a file that is cut or damaged
         raise _refuse(path, f"is no MATLAB file that can be read: {error}") from error
     arrays = dict(_arrays(found))
-    lengths = [len(one) for one in arrays.values()]
-    if not lengths:
+    if not (lengths := [len(one) for one in arrays.values()]):
         raise _refuse(path, "holds no vectors of numbers")
     most = max(set(lengths), key=lengths.count)
     columns = [_column(name, "", values) for name, values in arrays.items()]

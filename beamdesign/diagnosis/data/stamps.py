@@ -184,8 +184,7 @@ def filled(path: Path, table: Mapping[str, np.ndarray]) -> tuple[dict[str, np.nd
         InputError: with where values are missing and cannot be told from the others.
     """
     there = {name: np.flatnonzero(np.isfinite(values)) for name, values in table.items()}
-    lacking = [name for name, held in there.items() if len(held) < len(table["t_s"])]
-    if not lacking:
+    if not (lacking := [name for name, held in there.items() if len(held) < len(table["t_s"])]):
         return dict(table), {}
     if reason := unrising(table["t_s"]):
         raise InputError(path, [("t_s", reason)])

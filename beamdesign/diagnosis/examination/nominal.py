@@ -326,8 +326,7 @@ def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) ->
         controller: that one.
         sensor_gain: believed, V/m.
     """
-    asked = commanded_current(record, controller, sensor_gain)
-    if asked is None:
+    if (asked := commanded_current(record, controller, sensor_gain)) is None:
         return inf
     return mismatch(record.measured["current_A"], asked, noise_through_law(record, controller, sensor_gain))[0]
 

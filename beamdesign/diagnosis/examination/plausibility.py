@@ -345,8 +345,7 @@ def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
             if more := other_units(record, data.prototype):
                 refused[record.name] = more
             continue
-        found = other_readings(record, data.prototype)
-        if found:
+        if found := other_readings(record, data.prototype):
             (refused if found[0].sure else doubtful)[record.name] = found
     # A small factor (pounds for newtons) is believed where no record with that input speaks against it.
     if doubtful:

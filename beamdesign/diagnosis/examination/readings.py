@@ -142,8 +142,7 @@ def _equation(view: View) -> _Likeness:
 
 
 def _loop(view: View) -> tuple[_Likeness, ...] | None:
-    shares = expected(view.record, view.prototype)
-    if shares is None:
+    if (shares := expected(view.record, view.prototype)) is None:
         return None
     seen = ((name, view.record.measured[name]) for name in reversed(MEASURED) if name in view.record.measured)
     return tuple(_likeness(values, shares[name].sum(axis=1)) for name, values in seen)
@@ -200,8 +199,7 @@ def _fault(view: View, bent: bool, compared: bool) -> float | None:
     equation = _equation(view)
     if not equation.within(*((_NEAR, _ALIKE_BENT) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
         return None
-    loop = _loop(view)
-    if loop is None:
+    if (loop := _loop(view)) is None:
         return None if compared else equation.fault + 1
     if not all(part.within(*((_FAR, _UNLIKE) if bent else (_NEAR, _ALIKE))) for part in loop):
         return None

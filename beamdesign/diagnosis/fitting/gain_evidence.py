@@ -220,8 +220,7 @@ class GainEvidence(LinearEvidence):
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
-        at = self.predicted(placement, z)
-        if at is None:
+        if (at := self.predicted(placement, z)) is None:
             return None
         gain, frequency = onset_slopes(self.model(placement), z, at)
         rows = np.array([-gain, -frequency][: len(self.units)])

@@ -141,8 +141,7 @@ def fit_from_starts(
 ) -> Fit:
     """The best of fits from the most promising `starts`."""
     placement = hypothesis.placement(prototype)
-    begun = starts(placement, known, evidence, peaks, most, hints, sifted)
-    if not begun:
+    if not (begun := starts(placement, known, evidence, peaks, most, hints, sifted)):
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(hypothesis, placement.unknowns, reason=reason)
     return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
@@ -241,8 +240,7 @@ def _resonant(
     unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], peaks: Sequence[float]
 ) -> list[np.ndarray]:
     """Every peak with every strength, and with figures from 0 to 1 at either end."""
-    at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
-    if not at:
+    if not (at := [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]):
         return []
     strength, *others = (k for k in new if k not in at)
     switches = [k for k in (strength, *others) if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
