@@ -16,8 +16,8 @@ from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, notes_on_known, subsystem
+from beamdesign.diagnosis.fitting.replay import depends_on_size
 from beamdesign.diagnosis.fitting.search import Search, search
-from beamdesign.diagnosis.fitting.swept_sine import depends_on_size
 from beamdesign.diagnosis.gain_findings import (
     another_size,
     factor_of,
