@@ -28,9 +28,7 @@ from beamdesign.quantities import decimal, quantity
 _MAIN = 2  # lines to either side that Hann's window makes of one
 _BESIDE = 20  # lines to either side that tell what there is without it
 _CLEAR, _SEEN = 12.0, 4.0  # amplitude over that of the lines beside it: in one record, and in the others
-_ALONE = (
-    0.5  # of the power within a sixth of an octave to either side: a set of tones that drives a rig has others there
-)
+_ALONE = 0.5  # of the power within a sixth of an octave to either side: tones that drive a rig have others there
 _RECORDS, _SHARE = 3, 0.6  # that have it
 _DRIVEN = 3.0  # largest over smallest rms of records: where it is less, what is driven looks like what is not
 _MAINS_HZ, _OFF = (50.0, 60.0), 0.004  # and how far mains are off

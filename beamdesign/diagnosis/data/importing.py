@@ -203,10 +203,7 @@ def _stated(
         if wrong := [(option, "is nothing that a bench has") for option, said in given.items() if said]:
             raise InputError("gap import", wrong)
         return [{}] * len(files)
-    if len(outer_end_masses_kg) not in (1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_masses_kg)}"
-        raise InputError("gap import", [("--outer-end-mass", reason)])
-    masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
+    masses = _of_each(files, "--outer-end-mass", outer_end_masses_kg)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
     if wrong := [
@@ -247,9 +244,7 @@ def _acted(
         if stages:
             raise InputError("gap import", [("--stage", f"{model.name} has no scheduled controller")])
         return [None] * len(files)
-    if len(stages) not in (0, 1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(stages)}"
-        raise InputError("gap import", [("--stage", reason)])
+    stages = stages and _of_each(files, "--stage", stages)
     laws, wrong = [law for law, _ in schedule.laws], list[Problem]()
     if none := sorted({stage for stage in stages if not 1 <= stage <= len(laws)}):
         wrong.append(Problem("--stage", f"there is no {', '.join(map(str, none))}; stages are 1 to {len(laws)}"))
@@ -260,8 +255,15 @@ def _acted(
             wrong.append(Problem("--stage", f"of {path}: {error}; give the number of the stage that acted"))
     if wrong:
         raise InputError("gap import", wrong)
-    each: list[Controller | None] = [laws[stage - 1] for stage in stages]
-    return each if len(each) > 1 else (each or [None]) * len(files)
+    return [laws[stage - 1] for stage in stages] if stages else [None] * len(files)
+
+
+def _of_each(files: Sequence[Path | str], option: str, given: Sequence[Any]) -> list[Any]:
+    """What is given of each file, or of all of them at once; refused where it is neither."""
+    if len(given) not in (1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(given)}"
+        raise InputError("gap import", [(option, reason)])
+    return [*given] * (len(files) if len(given) == 1 else 1)
 
 
 def _csv(table: Mapping[str, np.ndarray]) -> str:

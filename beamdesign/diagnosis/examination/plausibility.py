@@ -162,10 +162,8 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))
         elif not 1 / GAIN_FAR < ratio < GAIN_FAR:
-            text = (
-                f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed: check it and its masses"
-            )
-            warnings.append(Caution("critical_gain", "", text))
+            text = f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed"
+            warnings.append(Caution("critical_gain", "", f"{text}: check it and its masses"))
     if problems:
         raise InputError(folder / "dataset.toml", problems)
     return warnings

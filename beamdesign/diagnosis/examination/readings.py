@@ -299,10 +299,8 @@ def contradictions(
         if _plain(fit.residual, fit) or (odd and fit.residual > fit.doubt):
             found.append(_verdict(record, fit, records, prototype, common))
         elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
-            text = (
-                f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing: check for an offset"
-            )
-            found.append(Caution("offset", record.name, text, limits_confidence=True))
+            text = f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing"
+            found.append(Caution("offset", record.name, f"{text}: check for an offset", limits_confidence=True))
     return found
 
 

@@ -56,12 +56,8 @@ class Caution:
 
 def finest_step(signal: np.ndarray) -> float:
     """Least difference between two values of a signal; 0 for a constant one."""
-    values = np.unique(signal)
-    if len(values) < 2:
-        return 0.0
-    steps = np.diff(values)
-    span = float(values[-1] - values[0])
-    real = steps[steps > 1e-9 * span]
+    steps = np.diff(np.unique(signal))
+    real = steps[steps > 1e-9 * float(np.ptp(signal))]
     return float(real.min()) if len(real) else 0.0
 
 

@@ -213,17 +213,15 @@ def resonances(
     explained = [one for one in effects if all(u.name in known for u in one.unknowns(prototype))]
     placement = reduce(Hypothesis.__or__, explained, NOTHING).placement(prototype)
     z = np.array([_at(u, known) for u in placement.unknowns])
-    frequencies, power = [], []
+    edges, powers = np.geomspace(*widened(prototype, _LEAST_HZ, _MOST_HZ), _BANDS + 1), []
     for piece in evidence:
         if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
             lines = residual.reshape(2, -1, len(piece.weight.channels))
-            frequencies.append(piece.weight.frequencies_Hz)
-            power.append(np.sum(lines**2, axis=(0, 2)))
-    if not power:
+            power = np.sum(lines**2, axis=(0, 2))
+            powers.append(np.histogram(piece.weight.frequencies_Hz, edges, weights=power)[0])
+    if not powers:
         return ()
-    edges = np.geomspace(*widened(prototype, _LEAST_HZ, _MOST_HZ), _BANDS + 1)
-    total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
-    middle = np.sqrt(edges[1:] * edges[:-1])
+    total, middle = sum(powers), np.sqrt(edges[1:] * edges[:-1])
     found: list[float] = []
     for k in np.argsort(-total):
         if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
