@@ -178,10 +178,8 @@ def _joined(records: Sequence[_Foreseen]) -> Experiment:
         drawn = [(values[true] - values[wrong] + more, distance(more, free[true]) ** 2) for more in beyond[true]]
         risen[true, wrong] = min(_known(own, noise) * (distance(d, free[wrong]) ** 2 - own) for d, own in drawn)
     between = np.sqrt(np.maximum(np.minimum(risen, risen.T), 0.0))
-    rows = tuple(
-        one.experiment.scenario.record[0].but(name="next" if k == 1 else f"next_{k}")
-        for k, one in enumerate(records, start=1)
-    )
+    names = ("next", *(f"next_{k}" for k in range(2, len(records) + 1)))
+    rows = tuple(one.experiment.scenario.record[0].but(name=name) for one, name in zip(records, names, strict=True))
     texts = tuple(text for one in records for text in one.experiment.texts)
     effort = max(one.experiment.effort for one in records)
     return replace(first, texts=texts, scenario=first.scenario.but(record=rows), effort=effort, between=between)

@@ -157,15 +157,9 @@ def terms(prototype: Prototype) -> Terms:
         except (InputError, ValueError):
             continue
         critical.append(CriticalPoint(mass, at.gain_A_per_V, at.frequency_Hz))
-    guaranteed = certificate.guaranteed
-    return Terms(
-        tuple(certificate.stable_ranges_kg),
-        certificate.stable,
-        guaranteed.bandwidth_Hz if guaranteed else None,
-        guaranteed.peak_sensitivity if guaranteed else None,
-        tuple(critical),
-        certificate.scope,
-    )
+    kept, ranges = certificate.guaranteed, tuple(certificate.stable_ranges_kg)
+    bandwidth_Hz, peak = (kept.bandwidth_Hz, kept.peak_sensitivity) if kept else (None, None)
+    return Terms(ranges, certificate.stable, bandwidth_Hz, peak, tuple(critical), certificate.scope)
 
 
 @dataclass(frozen=True)
@@ -209,8 +203,12 @@ def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], pr
     if off_axis(diagnosed):
         return Redesign(outer_end_mass_kg, reason=_OFF_AXIS)
     try:
-        if diagnosed.compliance is not None:
-            return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)
+        if (asked := diagnosed.compliance) is not None:  # sought on the diagnosed figures alone
+            given = diagnosed, asked.end_stiffness_N_per_m, outer_end_mass_kg
+            soft = stiffness(*given, contact="none", rigs=0, progress=progress or silent)  # stable in the air at least
+            if soft.prototype is None or soft.certificate is None:
+                return Redesign(outer_end_mass_kg, reason=soft.reason)
+            return Redesign(outer_end_mass_kg, soft.prototype, ((soft.certificate, soft.prototype),))
         found = tune_alike(diagnosed, outer_end_mass_kg, progress)
     except InputError as error:  # an effect for which no linear loop stands, or so many stages do not fit
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
@@ -220,13 +218,3 @@ def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], pr
         kept = old.but(stage=new.stage, dwell_s=new.dwell_s)
         found = replace(found, prototype=found.prototype.but(controller=kept))
     return Redesign(outer_end_mass_kg, *certified_laws(found))
-
-
-def _of_stiffness(
-    diagnosed: Prototype, end_stiffness: float, masses_kg: tuple[float, float], progress: Progress | None
-) -> Redesign:
-    """The same on the diagnosed figures alone, stable in the air at least."""
-    found = stiffness(diagnosed, end_stiffness, masses_kg, contact="none", rigs=0, progress=progress or silent)
-    if found.prototype is None or found.certificate is None:
-        return Redesign(masses_kg, reason=found.reason)
-    return Redesign(masses_kg, found.prototype, ((found.certificate, found.prototype),))

@@ -205,11 +205,9 @@ def baselines(data: Dataset, found: Search) -> dict[str, dict[str, Any]]:
         return {}
     evidence = record_evidence(data)
     terms = dictionary(data.prototype, evidence, found.null)
-    return {
-        NAMES[0]: {"chosen": largest_score(terms)},
-        NAMES[1]: {"chosen": greedy_bic(evidence, data, found)},
-        NAMES[2]: {"chosen": sparse_sum(terms, INDEPENDENT * sum(len(e.weight.channels) for e in evidence))},
-    }
+    units = INDEPENDENT * sum(len(e.weight.channels) for e in evidence)
+    named = largest_score(terms), greedy_bic(evidence, data, found), sparse_sum(terms, units)
+    return {name: {"chosen": chosen} for name, chosen in zip(NAMES, named, strict=True)}
 
 
 def largest_score(terms: Dictionary) -> list[str]:
@@ -224,15 +222,11 @@ def largest_score(terms: Dictionary) -> list[str]:
 
 def greedy_bic(evidence: Sequence[RecordEvidence], data: Dataset, found: Search) -> list[str]:
     """Forward selection among the fitted hypotheses while the criterion falls."""
-    models = {fit.hypothesis: fit for fit in (found.null, *found.fits) if not fit.reason}
+    models = [fit for fit in (found.null, *found.fits) if not fit.reason]
     chosen, value = found.null, _criterion(found.null, evidence, data)
     for _ in range(_MOST):
-        size = len(chosen.hypothesis.names) + 1
-        larger = [
-            fit
-            for hypothesis, fit in models.items()
-            if len(hypothesis.names) == size and set(hypothesis.names) > set(chosen.hypothesis.names)
-        ]
+        own = {*chosen.hypothesis.names}
+        larger = [fit for fit in models if len({*fit.hypothesis.names} - own) == 1 and {*fit.hypothesis.names} > own]
         least, best = min(((_criterion(fit, evidence, data), k) for k, fit in enumerate(larger)), default=(np.inf, 0))
         if least >= value:
             break

@@ -203,20 +203,16 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Outcome, ...]:
     """
     seal = read_seal(check.seal)
     missing = {key for key in seal.answers if not check.place(key).result.is_file()}
-    answers = read_answers(check.answers, missing if unfinished else set())
-    problems = [
-        (key, "the answer is not the one that was sealed")
-        for key in broken(seal, answers)
-        if not (unfinished and key in missing)
-    ]
+    closed = missing if unfinished else set[str]()
+    answers = read_answers(check.answers, closed)
+    changed = (key for key in broken(seal, answers) if key not in closed)
+    problems = [(key, "the answer is not the one that was sealed") for key in changed]
     answered = []
-    for key in seal.answers:
-        path = check.place(key).result
+    for key in (key for key in seal.answers if key not in closed):
         if key in missing:
-            if not unfinished:
-                problems.append((key, "not diagnosed"))
+            problems.append((key, "not diagnosed"))
             continue
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(check.place(key).result.read_text(encoding="utf-8"))
         if found["set_sha256"] != seal.sets[key]:
             problems.append((key, "what was diagnosed are not the data that were sealed"))
         elif key in answers:
@@ -256,11 +252,8 @@ def _all(digests: Iterable[Any]) -> str:
 
 def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:
     """All answers by case, but for those that stay closed."""
-    return {
-        path.stem: json.loads(path.read_text(encoding="utf-8"))
-        for path in sorted(folder.glob("*.json"))
-        if path.stem not in closed
-    }
+    paths = (path for path in sorted(folder.glob("*.json")) if path.stem not in closed)
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def _squares(

@@ -137,12 +137,10 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     if twice := [each for each, count in taken.items() if count > 1]:
         raise InputError(path, [("record", f"{c}, replicate {r}, chamber {s} stands twice") for c, r, s in twice])
     conditions = dict.fromkeys(run.condition for run in runs)
-    alone = [
-        Problem("record.condition", f"{condition} has no run with the pressure of chamber {side}")
-        for condition in conditions
-        for side in "ab"
-        if not any(run.condition == condition and run.side == side for run in runs)
-    ]
+    there = {(run.condition, run.side) for run in runs}
+    lacking = (each for each in product(conditions, "ab") if each not in there)
+    unseen = (f"{condition} has no run with the pressure of chamber {side}" for condition, side in lacking)
+    alone = [Problem("record.condition", reason) for reason in unseen]
     if len(conditions) < 2:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
     for condition, sign in product(conditions, (1, -1)):
@@ -198,11 +196,8 @@ def _runs(path: Path, row: _Entry, prototype: BenchPrototype) -> list[BenchRun]:
         raise InputError(
             path, [("pressure_a_Pa", "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both")]
         )
-    moved = (
-        uniform_times(path, columns["t_s"], _LONGEST_S),
-        held_commands(columns["command_V"]),
-        columns["displacement_m"],
-    )
+    times = uniform_times(path, columns["t_s"], _LONGEST_S)
+    moved = times, held_commands(columns["command_V"]), columns["displacement_m"]
     named = path.stem, row.condition, row.replicate
     runs = [BenchRun(*named, side, *moved, columns[f"pressure_{side}_Pa"]) for side in sides]
     if problems := list(dict.fromkeys(problem for run in runs for problem in _contradictions(run, prototype))):

@@ -157,10 +157,8 @@ def _text(path: Path) -> Measured:
         if len(row) != width:
             raise _refuse(path, f"row {k} of its numbers has {len(row)} cells of {width}")
     try:
-        values = [
-            _seconds(cells) if clock else numbers_of(cells)
-            for clock, cells in zip(clocks, zip(*rows[first:], strict=True), strict=True)
-        ]
+        cells = zip(*rows[first:], strict=True)
+        values = [(_seconds if clock else numbers_of)(own) for clock, own in zip(clocks, cells, strict=True)]
     except ValueError as error:
         raise _refuse(path, f"has a time of day or a date that there is not: {error}") from error
     columns = [_column(name, unit, of) for name, unit, of in zip(names, units, values, strict=True)]

@@ -200,10 +200,8 @@ def _steps(sample_s: float, kinds: Structure, figures: bytes, at: bytes) -> int:
         touching = bearing(assembly, rest, parameters)
         points.append((touching, _BRIEFLY if kinds.own_share == 1.0 else _FOLLOWING))
     try:
-        fastest = max(
-            float(np.abs(np.linalg.eigvals(linearise(assembly, x, np.zeros(3), parameters).a)).max()) * share
-            for x, share in points
-        )
+        loops = ((linearise(assembly, x, np.zeros(3), parameters), share) for x, share in points)
+        fastest = max(float(np.abs(loop.poles).max()) * share for loop, share in loops)
     except np.linalg.LinAlgError:
         fastest = 1e4
     return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, product
 from math import hypot
 
 import numpy as np
@@ -57,13 +57,9 @@ def candidates(known: Hypothesis | None = None) -> tuple[Hypothesis, ...]:
     known = known or together()
     held = {*moved(known), *known.causes}
     frictions = [(), *((law,) for law in FRICTIONS), (f"{FRICTION} (coulomb)", LOAD)]
-    found = (
-        together(*some, *friction)
-        for count in range(len(_OTHERS) + 1)
-        for some in combinations(_OTHERS, count)
-        for friction in frictions
-        if ORIFICES in some or not {*_OF_ORIFICES} & {*some}
-    )
+    some = (one for count in range(len(_OTHERS) + 1) for one in combinations(_OTHERS, count))
+    seen = (one for one in some if ORIFICES in one or not {*_OF_ORIFICES} & {*one})
+    found = (together(*one, *friction) for one, friction in product(seen, frictions))
     return (*(each for each in found if held <= {*moved(each), *each.causes}), known | together(FLOW_GAIN))
 
 
@@ -378,9 +374,5 @@ def correlated(fit: Fit) -> list[str]:
     deviation = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(deviation, deviation)
     names = list(fit.values)
-    return [
-        f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})"
-        for i in range(len(names))
-        for j in range(i)
-        if abs(correlation[i, j]) > _CLOSE
-    ]
+    close = ((i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > _CLOSE)
+    return [f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})" for i, j in close]

@@ -6,7 +6,7 @@ which direction it shows.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import isnan
 
 import casadi as ca
@@ -325,13 +325,8 @@ def _narrowest(totals: np.ndarray, edges: np.ndarray) -> tuple[float, float]:
     whole = float(totals.sum())
     if whole <= 0:
         return float(edges[0]), float(edges[-1])
-    spans = [
-        (np.log2(edges[j] / edges[i]), i, j)
-        for i in range(len(totals))
-        for j in range(i + 1, len(totals) + 1)
-        if totals[i:j].sum() >= _MOST * whole
-    ]
-    _, i, j = min(spans)
+    enough = ((i, j) for i, j in combinations(range(len(edges)), 2) if totals[i:j].sum() >= _MOST * whole)
+    _, i, j = min((np.log2(edges[j] / edges[i]), i, j) for i, j in enough)
     return float(edges[i]), float(edges[j])
 
 
