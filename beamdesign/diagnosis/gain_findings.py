@@ -163,9 +163,8 @@ def notes_of(
             " factor."
         )
     if shares is not None:
-        parts = ", ".join(
-            f"{s.name} {s.share:+.2f} (alone {s.alone:+.2f})" for s in shares.shares if s.name != "common_factor"
-        )
+        causes = (one for one in shares.shares if one.name != "common_factor")
+        parts = ", ".join(f"{one.name} {one.share:+.2f} (alone {one.alone:+.2f})" for one in causes)
         said.append(
             f"Of the mean ln(measured/model) of {shares.total:+.2f}, the published rig's filter and smaller piston side"
             f" would carry {shares.together:+.2f} together: {parts}, means over the orders of adding them;"

@@ -38,9 +38,8 @@ class RunawayError(Exception):
 
 def nominal_table(prototype: Prototype) -> dict[str, Any]:
     """A prototype as the truth model reads it: lumped figures, tolerances, nothing of its controller."""
-    table = prototype.model_dump(
-        mode="json", exclude_none=True, include={"name", "actuator", "servovalve", "sensor", "tolerance"}
-    )
+    stated = {"name", "actuator", "servovalve", "sensor", "tolerance"}
+    table = prototype.model_dump(mode="json", exclude_none=True, include=stated)
     for name, beam in (("outer_beam", prototype.outer_beam), ("inner_beam", prototype.inner_beam)):
         lumped = lumped_beam(beam)
         table[name] = {

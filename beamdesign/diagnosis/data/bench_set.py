@@ -193,9 +193,8 @@ def _runs(path: Path, row: _Entry, prototype: BenchPrototype) -> list[BenchRun]:
     refuse_missing(path, ("t_s", "command_V", "displacement_m"), columns)
     sides = [side for side in "ab" if f"pressure_{side}_Pa" in columns]
     if not sides:
-        raise InputError(
-            path, [("pressure_a_Pa", "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both")]
-        )
+        reason = "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both"
+        raise InputError(path, [("pressure_a_Pa", reason)])
     times = uniform_times(path, columns["t_s"], _LONGEST_S)
     moved = times, held_commands(columns["command_V"]), columns["displacement_m"]
     named = path.stem, row.condition, row.replicate

@@ -367,9 +367,8 @@ def _response(path: Path, row: ResponseEntry, controller: Controller, warnings: 
     if np.any(np.diff(frequencies) <= 0) or frequencies[0] <= 0:
         wrong.append(Problem("frequency_Hz", "must be positive and rise from row to row"))
     if np.all(magnitude < 0):
-        wrong.append(
-            Problem(column, f"all are negative: give the ratio in {column[10:].replace('_per_', '/')}, not decibels")
-        )
+        unit = column[10:].replace("_per_", "/")
+        wrong.append(Problem(column, f"all are negative: give the ratio in {unit}, not decibels"))
     elif np.any(magnitude <= 0):
         first = int(np.argmax(magnitude <= 0))
         wrong.append(Problem(column, f"must be positive, is {magnitude[first]:g} in row {first + 2}"))

@@ -312,9 +312,8 @@ def _record(
             lengths = f"{len(other[0].values)} values, where the others have {len(found.columns[0].values)}"
             wrong.append(Problem(channel, f"{other[0].name!r} has {lengths}: give all of them at the same times"))
         elif alike or channel in (*channels.needed, *channels.asked):
-            which = (
-                f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
-            )
+            names = " or ".join(repr(one.name) for one in alike)
+            which = f"may be {names}" if alike else "is not told by any name or unit"
             none = f", or say that there is none, --column '{channel} = {NOTHING}'"
             if channel in channels.needed:
                 none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else _ANOTHER

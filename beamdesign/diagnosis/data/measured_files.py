@@ -107,11 +107,9 @@ def read_measured(path: Path) -> Measured:
     Raises:
         InputError: where nothing of use can be read from it, with what to do.
     """
-    reader = {".mat": _matlab, ".uff": _universal, ".unv": _universal, ".uf": _universal}.get(
-        path.suffix.lower(), _text
-    )
+    readers = {".mat": _matlab} | dict.fromkeys((".uff", ".unv", ".uf"), _universal)
     try:
-        return reader(path)
+        return readers.get(path.suffix.lower(), _text)(path)
     except OSError as error:
         raise InputError(path, [("(file)", error.strerror or str(error))]) from error
 
