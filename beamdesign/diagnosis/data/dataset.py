@@ -87,10 +87,8 @@ class TimeRecord:
     @cached_property
     def excitation(self) -> str:
         """Which input drives it: `command`, `disturbance`, `both` or `none`; a force sensor's noise drives nothing."""
-        forced = bool(np.any(self.denoised[0]))
-        return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[
-            forced, bool(np.std(self.inputs[:, 1]) > 0)
-        ]
+        forced, commanded = bool(np.any(self.denoised[0])), bool(np.std(self.inputs[:, 1]) > 0)
+        return (("none", "command"), ("disturbance", "both"))[forced][commanded]
 
     @cached_property
     def denoised(self) -> tuple[np.ndarray, np.ndarray]:

@@ -165,9 +165,8 @@ def import_measured(
     if bench:
         entries["record"] = _runs(tables)
     rig = {"rig": model.rig} if bench else {}
-    index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml"} | {
-        key: rows for key, rows in entries.items() if rows
-    }
+    listed = {key: rows for key, rows in entries.items() if rows}
+    index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml", **listed}
     read = read_bench_set if bench else read_dataset
     with fresh_folder(out) as fresh:
         (fresh / "records").mkdir(exist_ok=True)

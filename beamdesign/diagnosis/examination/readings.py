@@ -359,9 +359,8 @@ def _verdict(
         return obeys(best, "the one that fits best", best_left)
     if late < 0.5 * fit.residual:
         return _late(record, fit)
-    text = (
-        f"{fit.residual:.0%} of the current's rms is not what the stated controller makes of command and displacement"
-    )
+    made = "what the stated controller makes of command and displacement"
+    text = f"{fit.residual:.0%} of the current's rms is not {made}"
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
     line = line_left(record, gain)

@@ -152,9 +152,8 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     does to them, the latter hold some of what is to be explained. The share is the mean of both; where two are alike,
     the former decides.
     """
-    plain, smooth = (
-        {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
-    )
+    by_signals = (explanations(regression(found, null, corrected)) for corrected in (False, True))
+    plain, smooth = ({e.subsystem: e for e in laws} for laws in by_signals)
     both = [(plain[name], smooth[name]) for name in plain]
     merged = [replace(max(two, key=lambda e: e.share), share=sum(max(e.share, 0.0) for e in two) / 2) for two in both]
     most = max(e.share for e in merged)
