@@ -287,13 +287,11 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
         own = [g for g in data.gains if g.controller.but(gain_A_per_V=1.0) == law.but(gain_A_per_V=1.0)]
         known = {(g.outer_end_mass, g.inner_end_mass) for g in own if not g.load_N}
         for masses in sorted(_masses(data) - known):
-            one = taken(MeasuredGain(law, *masses, std))
             where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
-            yield from gains(
-                f"Measure the critical gain {where}, and the frequency of the oscillation.",
-                {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
-                [one],
-            )
+            text = f"Measure the critical gain {where}, and the frequency of the oscillation."
+            at = {"outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
+            one = taken(MeasuredGain(law, *masses, std))
+            yield from gains(text, {"controller": _without_gain(law)} | at, [one])
         if fits(AREAS, data.prototype.rig):
             load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
             both = [MeasuredGain(law, 0.0, 0.0, std, load_N=sign * load) for sign in (1, -1)]

@@ -142,13 +142,9 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     else:
         compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)
-    return {
-        "fits_made": made,
-        "added_by": None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by"),
-        "time": times,
-        "baselines": compared,
-        "diagnosis": found.to_dict(),
-    }
+    added = None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by")
+    said = found.to_dict()
+    return {"fits_made": made, "added_by": added, "time": times, "baselines": compared, "diagnosis": said}
 
 
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:

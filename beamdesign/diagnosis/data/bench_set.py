@@ -89,14 +89,10 @@ class BenchSet(Result):
 
     def rows(self) -> list[tuple[str, str, str]]:
         """What was measured under which command: for people."""
-        return [
-            (
-                run.name,
-                f"{len(run.times)} samples, {np.ptp(run.times):.4g} s",
-                f"{run.condition}, replicate {run.replicate}, chamber {run.side}",
-            )
-            for run in self.runs
-        ] + [("warning", words, "") for words in self.warnings]
+        sizes = (f"{len(run.times)} samples, {np.ptp(run.times):.4g} s" for run in self.runs)
+        taken = (f"{run.condition}, replicate {run.replicate}, chamber {run.side}" for run in self.runs)
+        names = (run.name for run in self.runs)
+        return [*zip(names, sizes, taken, strict=True), *(("warning", words, "") for words in self.warnings)]
 
 
 class _Entry(Record):

@@ -328,12 +328,8 @@ class FitCache:
             OSError: where it cannot be written.
         """
         path, file = self._path(job), BytesIO()
-        arrays = {
-            "reason": np.array(found.reason),
-            "z": np.asarray(found.z),
-            "cost": np.asarray(found.cost),
-            **{name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")},
-        }
+        shares = {name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")}
+        arrays = {"reason": np.array(found.reason), "z": np.asarray(found.z), "cost": np.asarray(found.cost)} | shares
         np.savez(file, seal=np.array(_seal(path.name, arrays)), **arrays)  # type: ignore[arg-type]
         write_whole(path, file.getvalue())
 

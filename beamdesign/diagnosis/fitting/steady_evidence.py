@@ -117,11 +117,8 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
     orifices = ORIFICES in hypothesis.names
     new = orifices and ORIFICES not in prototype.effects
     vouched = _WIDE if FLOW_GAIN in hypothesis.names else hypot(tolerance.flow_gain, _DROP_STD if new else 0.0)
-    spreads = {
-        "flow_gain": vouched,
-        "piston_area": tolerance.piston_area,
-        f"{ORIFICES}.supply_pressure_Pa" if orifices else "supply_pressure": tolerance.supply_pressure,
-    }
+    fed = f"{ORIFICES}.supply_pressure_Pa" if orifices else "supply_pressure"
+    spreads = {"flow_gain": vouched, "piston_area": tolerance.piston_area, fed: tolerance.supply_pressure}
     priors = {  # value without the cause, standard deviation, bounds
         "tank_pressure": (at["tank_pressure"], _TANK_STD * supply, 0.0, supply / 2),
         "piston_leakage": (0.0, lost, 0.0, 5 * lost),
