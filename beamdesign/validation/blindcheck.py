@@ -22,6 +22,7 @@ from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress, end_at_once, silent
 from beamdesign.records import InputError
+from beamdesign.result import picked
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
 from beamdesign.validation.case_plan import (
     Planned,
@@ -233,10 +234,8 @@ def scored(check: Check, unfinished: bool = False) -> "Scored":
         "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
         "planned": len(check.cases),
         "scored": len(answered),
-        "seed": check.seed,
-        "short": check.short,
-        "seal": seal.whole,
-        "truth": seal.truth,
+        **picked(check, "seed short"),
+        **picked(seal, "seal=whole truth"),
         "fitted_by": _all(found.get(key) for found in made for key in ("fitted_by", "added_by")),
         "judged_by": _all(found.get("judged_by") for found in made),
         "not_drawn": check.not_drawn,

@@ -30,18 +30,10 @@ _CLOCK = re.compile(
 )
 _VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
+_LBF = 4.4482216152605  # N
 UNITS = {
     "s": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "N": {
-        "N": 1.0,
-        "newton": 1.0,
-        "newtons": 1.0,
-        "kN": 1e3,
-        "mN": 1e-3,
-        "lbf": 4.4482216152605,
-        "lbs": 4.4482216152605,
-        "kgf": 9.80665,
-    },
+    "N": {"N": 1.0, "newton": 1.0, "newtons": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": _LBF, "lbs": _LBF, "kgf": 9.80665},
     "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
     "A": {"A": 1.0, "amp": 1.0, "amps": 1.0, "mA": 1e-3, "uA": 1e-6},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "mil": 2.54e-5},

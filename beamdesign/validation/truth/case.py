@@ -373,9 +373,7 @@ def answer(case: Case) -> dict[str, Any]:
     """
     floor = case.gaps["floor"]
     return {
-        "seed": case.seed,
-        "kind": case.kind,
-        "rig": case.rig,
+        **picked(case, "seed kind rig"),
         "noise": picked(case.noise, "coloured break_Hz outliers"),
         "effects": list(case.names),
         "subsystem": case.departures[0].subsystem if case.departures else "",
