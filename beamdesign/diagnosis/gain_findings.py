@@ -289,9 +289,8 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
         for masses in sorted(_masses(data) - known):
             where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
             text = f"Measure the critical gain {where}, and the frequency of the oscillation."
-            at = {"outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
-            one = taken(MeasuredGain(law, *masses, std))
-            yield from gains(text, {"controller": _without_gain(law)} | at, [one])
+            at = {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
+            yield from gains(text, at, [taken(MeasuredGain(law, *masses, std))])
         if fits(AREAS, data.prototype.rig):
             load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
             both = [MeasuredGain(law, 0.0, 0.0, std, load_N=sign * load) for sign in (1, -1)]

@@ -4,6 +4,7 @@ Critical gain, bandwidth and proved payload range are told as believed and as di
 mass are tuned and proved anew on the diagnosed prototype.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -101,14 +102,12 @@ def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype]
         nominal, found = (terms(rig.with_law(law, masses, inner)) for rig in (data.prototype, diagnosed))
         return LoopTerms(law, inner, masses, nominal, found, tuned)
 
-    return (
-        *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),
-        *(
-            compared(one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, tuned=True)
-            for one in new
-            if one.controller is not None and one.guarantee is not None
-        ),
-    )
+    found = [compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]]
+    for one in new:
+        if one.controller is not None and one.guarantee is not None:
+            masses = one.guarantee.outer_end_mass_kg
+            found.append(compared(one.controller, one.payload.inner_end_mass_kg, masses, tuned=True))
+    return tuple(found)
 
 
 def payload_range(data: Dataset) -> tuple[float, float]:
@@ -125,18 +124,15 @@ def loops_of(data: Dataset) -> list[tuple[Controller, float, tuple[float, float]
 
     What else was recorded is for all payloads.
     """
-    masses, uses = payload_range(data), dict[tuple[Controller, float], int]()
+    masses, uses = payload_range(data), Counter[tuple[Controller, float]]()
     own = {s.prototype.controller: s.outer_end_mass_kg for s in data.prototype.stages(masses)}
     for law in own:
         if law is not None:
             uses[law, data.prototype.payload.inner_end_mass_kg] = 10**6
     recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
-    for taken in (one for one in recorded if one.controller != OFF):
-        key = (taken.controller, taken.inner_end_mass)
-        uses[key] = uses.get(key, 0) + 1
+    uses.update((one.controller, one.inner_end_mass) for one in recorded if one.controller != OFF)
     if not uses:
-        for gain in data.gains:
-            uses.setdefault((gain.controller, gain.inner_end_mass), 1)
+        uses.update(dict.fromkeys(((gain.controller, gain.inner_end_mass) for gain in data.gains), 1))
     return [(law, inner, own.get(law, masses)) for law, inner in sorted(uses, key=lambda key: -uses[key])]
 
 

@@ -146,8 +146,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
             alone.append(Problem("record.condition", f"{words}; what belongs together has one command"))
     if alone:
         raise InputError(path, alone)
-    warnings = [words for run in runs for words in _odd(run)]
-    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(warnings)))
+    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(words for run in runs for words in _odd(run))))
 
 
 def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:

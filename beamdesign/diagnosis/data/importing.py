@@ -205,9 +205,8 @@ def _stated(
     masses = _of_each(files, "--outer-end-mass", outer_end_masses_kg)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
-    if wrong := [
-        (option, plausible.refusal(kg, "mass_kg")) for option, some in stated for kg in some if kg not in plausible
-    ]:
+    off = ((option, kg) for option, some in stated for kg in some if kg not in plausible)
+    if wrong := [(option, plausible.refusal(kg, "mass_kg")) for option, kg in off]:
         raise InputError("gap import", wrong)
     laws = (law and law.model_dump(mode="json", exclude_none=True) for law in _acted(model, files, masses, stages))
     return [

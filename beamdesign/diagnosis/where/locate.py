@@ -93,8 +93,7 @@ def kind_of_effect(name: str) -> str:
     slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))
     if ca.depends_on(ca.vertcat(rate, y), t):
         return "drifting"
-    bent = any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True))
-    return "static" if bent else "linear"
+    return "static" if any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True)) else "linear"
 
 
 _ALIKE = 0.05  # shares
