@@ -308,8 +308,7 @@ _HUGE = 1e6
 
 def _channels(data: Dataset) -> tuple[str, ...]:
     """Channels that every record holds."""
-    first = tuple(data.records[0].measured)
-    return tuple(c for c in first if all(c in record.measured for record in data.records))
+    return tuple(c for c in data.records[0].measured if all(c in record.measured for record in data.records))
 
 
 def _jobs(prototype: Prototype, plan: Scenario) -> Iterator[Replay]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
@@ -164,7 +164,10 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     beside = _WANDERS / min((float(np.ptp(piece.record.times)) for piece in pieces), default=np.inf)
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
-        if tone is None or not (tone.of_the_mains or _of_several_loops(tone, records)):
+        if tone is None:
+            break
+        loops = {(record.masses, record.controller) for record in records if record.name in tone.having}
+        if len(loops) < 2 and not tone.of_the_mains:
             break
         if any(abs(tone.frequency_Hz - other) < beside for other in taken):
             return data, (), False
@@ -187,10 +190,6 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
 
 _TAKEN_OFF = "It is taken off the records before they are weighed"
 _HEARD = "; but the loop hears it, so that the rig moves by it, which no model here does"
-
-
-def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
-    return len({(r.masses, r.controller) for r in records if r.name in tone.having}) > 1
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

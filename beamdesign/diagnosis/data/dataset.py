@@ -386,7 +386,6 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
         given, least = law.model_dump(), law.gain_A_per_V
     else:
         given = dict(row.controller or {"kind": "proportional"})
-    table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
-    found = records.parse(_Gained, table, path).controller
+    found = records.parse(_Gained, {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}, path).controller
     masses, noted = (row.outer_end_mass_kg, row.inner_end_mass_kg), (row.relative_std, row.frequency_Hz)
     return MeasuredGain(found, *masses, *noted, row.predicted_gain_A_per_V, least, row.load_N)
