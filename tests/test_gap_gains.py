@@ -20,15 +20,14 @@ from beamdesign.diagnosis import diagnose as diagnosing
 from beamdesign.diagnosis import gain_diagnosis
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.diagnosis.fitting import search, swept_sine
+from beamdesign.diagnosis.fitting import replay, search
 from beamdesign.diagnosis.fitting.evidence import evidence_of, figures_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, SweptSine
 from beamdesign.diagnosis.fitting.starts import starts
-from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.fitting.weighting import SHARE
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gain_findings import another_size, common_factor, experiments, gain_shares, separations
@@ -315,7 +314,7 @@ def test_sines_beside_a_resonance_of_little_damping_have_settled(
     z = np.full(len(placement.unknowns), given) * [u.kind == "effect" for u in placement.unknowns]
     found = ResponseEvidence(taken, rig, swept=40).predicted(placement, z)
     if amplitude > 1.0:
-        monkeypatch.setattr(swept_sine, "_SETTLES_S", 6.0)
+        monkeypatch.setattr(replay, "_SETTLES_S", 6.0)
     settled = ResponseEvidence(taken, rig, swept=0 if amplitude == 1.0 else 40).predicted(placement, z)
     assert np.abs(found / settled - 1).max() < most_off
 

@@ -11,7 +11,7 @@ from beamdesign import diagnose, state_space
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, TimeRecord
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import together
-from beamdesign.diagnosis.misstated_mass import misstated_mass, with_own_mass
+from beamdesign.diagnosis.misstated import misstated_mass, with_own_mass
 
 RIG = believed()
 TRUE = RIG.but(outer_beam=RIG.outer_beam.but(stiffness_N_per_m=1.02 * RIG.outer_beam.stiffness_N_per_m))

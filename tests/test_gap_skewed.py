@@ -13,15 +13,15 @@ from gap_sets import believed, measured, scenario
 
 from beamdesign import Prototype, diagnose
 from beamdesign.diagnosis import diagnose as diagnosing
-from beamdesign.diagnosis import skewed_channels
+from beamdesign.diagnosis import misstated
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import Judgement
+from beamdesign.diagnosis.misstated import channels_in_time, in_time, late_channels
 from beamdesign.diagnosis.passing import Look
-from beamdesign.diagnosis.skewed_channels import channels_in_time, in_time, late_channels
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.time_limit import TimeUp, leave_out, within
 
@@ -132,15 +132,15 @@ def test_fits_are_kept_by_exactly_how_late_channels_were(looked: Look, monkeypat
         parts.add(kept.part)
         return looked
 
-    monkeypatch.setattr(skewed_channels, "search_without_tones", searched)
+    monkeypatch.setattr(misstated, "search_without_tones", searched)
     for late_s in (2.01e-4, 2.04e-4):
-        monkeypatch.setattr(skewed_channels, "late_channels", lambda look, by=late_s: {"disturbance_N": by})
+        monkeypatch.setattr(misstated, "late_channels", lambda look, by=late_s: {"disturbance_N": by})
         channels_in_time(looked)
     assert len(parts) == 2
 
 
 def test_channels_are_not_moved_by_what_little_there_was_time_to_compare(looked: Look, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(skewed_channels, "late_channels", lambda look: {"disturbance_N": 2e-4})
+    monkeypatch.setattr(misstated, "late_channels", lambda look: {"disturbance_N": 2e-4})
     with within(1.0):
         leave_out("sensor_lag")
         with pytest.raises(TimeUp):

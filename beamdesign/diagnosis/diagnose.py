@@ -32,11 +32,10 @@ from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
-from beamdesign.diagnosis.misstated_mass import with_own_mass
+from beamdesign.diagnosis.misstated import channels_in_time, with_own_mass
 from beamdesign.diagnosis.passing import Look, what_passed, without_one
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
-from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import (
     chance,

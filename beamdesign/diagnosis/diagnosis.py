@@ -312,12 +312,9 @@ class Diagnosis(Generic[Rig], Result):
 
     def rows(self) -> list[tuple[Any, ...]]:
         """The causes, the most probable first: name, subsystem, probability, share of the gap."""
-        rows: list[tuple[Any, ...]] = [
-            (one.name, one.subsystem, f"{one.probability:.1%}", f"{one.share:.0%}") for one in self.causes
-        ]
-        if isfinite(self.probability_unknown):
-            rows.append((self.not_listed, "", f"{self.probability_unknown:.1%}", ""))
-        return rows
+        rows = ((one.name, one.subsystem, f"{one.probability:.1%}", f"{one.share:.0%}") for one in self.causes)
+        other = [(self.not_listed, "", f"{self.probability_unknown:.1%}", "")]
+        return [*rows, *(other if isfinite(self.probability_unknown) else ())]
 
     @property
     def not_listed(self) -> str:

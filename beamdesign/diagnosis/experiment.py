@@ -30,7 +30,7 @@ from beamdesign.diagnosis.experiment_menu import Experiment, information, menu
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
-from beamdesign.diagnosis.fitting.weighting import HIGHEST_HZ, LOWEST_HZ, weighting
+from beamdesign.diagnosis.fitting.weighting import HIGHEST_HZ, LOWEST_HZ, Weighting, weighting
 from beamdesign.diagnosis.judgement import unknown_by
 from beamdesign.plant.assembly import RIGS, widened
 from beamdesign.prototype import Prototype
@@ -74,8 +74,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     if len(first) < 2 or not data.records:
         return None
     among, weights = zip(*list(first.values())[:_RIVALS], strict=True)
-    ranked = experiments(data, among, weights)
-    if not ranked:
+    if not (ranked := experiments(data, among, weights)):
         return None
     best = ranked[0]
     names = tuple(str(fit.hypothesis) for fit in among)
@@ -179,10 +178,8 @@ def _joined(records: Sequence[_Foreseen]) -> Experiment:
         drawn = [(values[true] - values[wrong] + more, distance(more, free[true]) ** 2) for more in beyond[true]]
         risen[true, wrong] = min(_known(own, noise) * (distance(d, free[wrong]) ** 2 - own) for d, own in drawn)
     between = np.sqrt(np.maximum(np.minimum(risen, risen.T), 0.0))
-    rows = tuple(
-        one.experiment.scenario.record[0].but(name="next" if k == 1 else f"next_{k}")
-        for k, one in enumerate(records, start=1)
-    )
+    names = ("next", *(f"next_{k}" for k in range(2, len(records) + 1)))
+    rows = tuple(one.experiment.scenario.record[0].but(name=name) for one, name in zip(records, names, strict=True))
     texts = tuple(text for one in records for text in one.experiment.texts)
     effort = max(one.experiment.effort for one in records)
     return replace(first, texts=texts, scenario=first.scenario.but(record=rows), effort=effort, between=between)
@@ -229,7 +226,7 @@ def _without_retuning(
         return None
     if made[1] is None or np.any(np.abs(made[1][:, count:]).max(axis=0) > most):
         return None
-    weight = weighting(_as_record(data, job, predicted[1], channels), channels, _band_Hz(data))
+    weight = _weight(data, job, predicted[1], channels)
     weighed = np.array([weight(y) for y in predicted[1:]])
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
@@ -243,7 +240,7 @@ def _repeats(data: Dataset, experiment: Experiment, rival: Fit) -> bool:
     predicted = job.simulated(rival.hypothesis.placement(data.prototype), rival.z, channels)
     if predicted is None:
         return False
-    weight = weighting(_as_record(data, job, predicted, channels), channels, _band_Hz(data))
+    weight = _weight(data, job, predicted, channels)
     (_, one), (_, other) = islice(_drawn(data, job, rival, channels), 2)
     off = weight((one + other) / 2 - predicted)
     return float(off @ off) < weight.expected
@@ -264,7 +261,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
-        weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels, _band_Hz(data))
+        weight = _weight(data, job, made[0][0][:, at], channels)
         free = [weight(dy[:, at]) @ _root(fit) for (_, dy), fit in zip(made, rivals, strict=True)]
         beyond = [
             np.array([weight((y - of)[:, at] - dy[:, at] @ move) for move, y in moved])
@@ -309,14 +306,9 @@ def distance(difference: np.ndarray, free: np.ndarray) -> float:
 _HUGE = 1e6
 
 
-def _band_Hz(data: Dataset) -> tuple[float, float]:
-    return widened(data.prototype, LOWEST_HZ, HIGHEST_HZ)
-
-
 def _channels(data: Dataset) -> tuple[str, ...]:
     """Channels that every record holds."""
-    first = tuple(data.records[0].measured)
-    return tuple(c for c in first if all(c in record.measured for record in data.records))
+    return tuple(c for c in data.records[0].measured if all(c in record.measured for record in data.records))
 
 
 def _jobs(prototype: Prototype, plan: Scenario) -> Iterator[Replay]:
@@ -326,12 +318,13 @@ def _jobs(prototype: Prototype, plan: Scenario) -> Iterator[Replay]:
         yield Replay(TimeRecord(row.name, plan.times, inputs_of(row, plan), {}, *masses, row.controller), prototype)
 
 
-def _as_record(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
-    """A prediction with the noise of the channels as recorded so far, as if it had been measured."""
+def _weight(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> Weighting:
+    """Weighs a prediction with the noise of the channels as recorded so far, as if it had been measured."""
     rng = np.random.default_rng(0)
     measured = {}
     for k, name in enumerate(channels):
         noise = [weighting(r, (name,)).noise_std[0] for r in data.records if name in r.measured]
         std = float(np.median(noise)) if noise else _SENSOR_NOISE * float(np.std(predicted[:, k]))
         measured[name] = predicted[:, k] + rng.normal(0, std, len(predicted))
-    return replace(job.record, measured=measured)
+    band_Hz = widened(data.prototype, LOWEST_HZ, HIGHEST_HZ)
+    return weighting(replace(job.record, measured=measured), channels, band_Hz)

@@ -16,8 +16,8 @@ from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, notes_on_known, subsystem
+from beamdesign.diagnosis.fitting.replay import depends_on_size
 from beamdesign.diagnosis.fitting.search import Search, search
-from beamdesign.diagnosis.fitting.swept_sine import depends_on_size
 from beamdesign.diagnosis.gain_findings import (
     another_size,
     factor_of,
@@ -237,8 +237,7 @@ _FURTHEST = 2.0
 def misfit_of(piece: Figure, hypothesis: Hypothesis, z: np.ndarray) -> float:
     """Rms of ln(measured/predicted) of one piece of evidence."""
     placement = hypothesis.placement(piece.prototype)
-    residual = piece.residual(placement, z)
-    if residual is None:
+    if (residual := piece.residual(placement, z)) is None:
         return _LOST
     return float(np.sqrt(np.mean((residual * piece.units) ** 2)))
 

@@ -163,9 +163,8 @@ def notes_of(
             " factor."
         )
     if shares is not None:
-        parts = ", ".join(
-            f"{s.name} {s.share:+.2f} (alone {s.alone:+.2f})" for s in shares.shares if s.name != "common_factor"
-        )
+        causes = (one for one in shares.shares if one.name != "common_factor")
+        parts = ", ".join(f"{one.name} {one.share:+.2f} (alone {one.alone:+.2f})" for one in causes)
         said.append(
             f"Of the mean ln(measured/model) of {shares.total:+.2f}, the published rig's filter and smaller piston side"
             f" would carry {shares.together:+.2f} together: {parts}, means over the orders of adding them;"
@@ -245,8 +244,7 @@ def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray |
     predicted = []
     for rival in rivals:
         placement = rival.hypothesis.placement(pieces[0].prototype)
-        rows = linearised(pieces, placement, rival.z)
-        if rows is None:
+        if (rows := linearised(pieces, placement, rival.z)) is None:
             return None
         r, j = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         predicted.append((r, j @ np.linalg.cholesky(rival.covariance)))
@@ -278,8 +276,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             yield NextExperiment(text, (), 0.0, {"kind": "critical_gain"} | settings), pieces, float(len(pieces))
 
     std = min((g.relative_std for g in data.gains), default=0.03)
-    without_frequency = [g for g in data.gains if g.frequency_Hz is None]
-    if without_frequency:
+    if without_frequency := [g for g in data.gains if g.frequency_Hz is None]:
         yield from gains(
             f"Repeat the {len(without_frequency)} critical gains and note the frequency of each oscillation to"
             f" {FREQUENCY_STD:.0%}.",
@@ -290,13 +287,10 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
         own = [g for g in data.gains if g.controller.but(gain_A_per_V=1.0) == law.but(gain_A_per_V=1.0)]
         known = {(g.outer_end_mass, g.inner_end_mass) for g in own if not g.load_N}
         for masses in sorted(_masses(data) - known):
-            one = taken(MeasuredGain(law, *masses, std))
             where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
-            yield from gains(
-                f"Measure the critical gain {where}, and the frequency of the oscillation.",
-                {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
-                [one],
-            )
+            text = f"Measure the critical gain {where}, and the frequency of the oscillation."
+            at = {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
+            yield from gains(text, at, [taken(MeasuredGain(law, *masses, std))])
         if fits(AREAS, data.prototype.rig):
             load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
             both = [MeasuredGain(law, 0.0, 0.0, std, load_N=sign * load) for sign in (1, -1)]
@@ -307,13 +301,11 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
                     {"controller": _without_gain(law), "load_N": [load, -load]},
                     [taken(one) for one in both],
                 )
-        bare = taken(MeasuredGain(law, 0.0, 0.0, std))
-        if bare is None:
+        if (bare := taken(MeasuredGain(law, 0.0, 0.0, std))) is None:
             continue
         quiet = law.but(gain_A_per_V=float(f"{_OPEN_LOOP_MARGIN * bare.measured.gain:.3g}"))
         flat = FrequencyResponse("next", _LINES, np.ones(len(_LINES), complex), True, None, 0.0, 0.0, quiet)
-        response = ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)
-        if response is None:
+        if (response := ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)) is None:
             continue
         piece = ResponseEvidence(replace(flat, response=response), data.prototype)
         text = (

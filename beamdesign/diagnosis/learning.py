@@ -183,17 +183,13 @@ def within_reach(
 def without_idle_terms(data: Dataset, best: Fit) -> Dataset:
     """The data set, its prototype stating none of the terms of a learnt curve that its fit does not tell from none."""
     effects = {name: dict(table) for name, table in data.prototype.effects.items()}
-    values, errors_of = best.values, best.standard_errors
-    idle = [
-        (law, q.name)
-        for law in best.hypothesis.effects
-        for q in library()[law].parameters
-        if library()[law].table is not None and f"{law}.{q.name}" in values
-        if abs(values[f"{law}.{q.name}"]) < _IDLE * errors_of[f"{law}.{q.name}"]
-    ]
-    for law, term in idle:
-        effects[law][term] = 0.0
-    return replace(data, prototype=data.prototype.but(effects=effects)) if idle else data
+    curves = [law for law in best.hypothesis.effects if library()[law].table is not None]
+    errors_of = best.standard_errors
+    for name, value in best.values.items():
+        law, _, term = name.rpartition(".")
+        if law in curves and abs(value) < _IDLE * errors_of[name]:
+            effects[law][term] = 0.0
+    return replace(data, prototype=data.prototype.but(effects=effects))
 
 
 def described(cause: Cause, best: Fit, data: Dataset) -> Cause:

@@ -140,8 +140,7 @@ def without_what_passes(data: Dataset, best: Fit, stated: Sequence[TimeRecord]) 
     pieces = record_evidence(data)
     records = []
     for piece, record in zip(pieces, data.records, strict=True):
-        spans = passing(piece, best, _SHARE * best.misfit)
-        if spans is None:
+        if (spans := passing(piece, best, _SHARE * best.misfit)) is None:
             return None
         records.append(replace(record, left_out=joined((*record.left_out, *spans))))
     gone, whole = sum(map(_gone, records)), sum(float(np.ptp(record.times)) for record in records)
@@ -159,8 +158,7 @@ def passing(piece: RecordEvidence, best: Fit, small: float = 0.0) -> tuple[tuple
         small: misfit that is none, as the fit may have been led astray by what passed.
     """
     small = max(small, _REST * piece.expected)
-    residual = piece.residual(best.hypothesis.placement(piece.job.prototype), best.z)
-    if residual is None:
+    if (residual := piece.residual(best.hypothesis.placement(piece.job.prototype), best.z)) is None:
         return None
     if float(residual @ residual) < small:
         return ()

@@ -63,9 +63,8 @@ class Prediction(Result):
         noise = {name: f"{rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
         parts = [(one.reason or "complete", one.uncertain, noise.get(one.name)) for one in self.records]
         words = ["; ".join(filter(None, each)) for each in parts]
-        return [
-            (one.name, len(one.samples), peak, said) for one, peak, said in zip(self.records, peaks, words, strict=True)
-        ]
+        told = zip(self.records, peaks, words, strict=True)
+        return [(one.name, len(one.samples), peak, said) for one, peak, said in told]
 
 
 def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple[TimeRecord, ...], float]:

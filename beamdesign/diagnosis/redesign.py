@@ -4,6 +4,7 @@ Critical gain, bandwidth and proved payload range are told as believed and as di
 mass are tuned and proved anew on the diagnosed prototype.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -104,14 +105,12 @@ def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype]
         nominal, found = (terms(rig.with_law(law, masses, inner)) for rig in (data.prototype, diagnosed))
         return LoopTerms(law, inner, masses, nominal, found, tuned)
 
-    return (
-        *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),
-        *(
-            compared(one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, tuned=True)
-            for one in new
-            if one.controller is not None and one.guarantee is not None
-        ),
-    )
+    found = [compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]]
+    for one in new:
+        if one.controller is not None and one.guarantee is not None:
+            masses = one.guarantee.outer_end_mass_kg
+            found.append(compared(one.controller, one.payload.inner_end_mass_kg, masses, tuned=True))
+    return tuple(found)
 
 
 def payload_range(data: Dataset) -> tuple[float, float]:
@@ -128,18 +127,15 @@ def loops_of(data: Dataset) -> list[tuple[Controller, float, tuple[float, float]
 
     What else was recorded is for all payloads.
     """
-    masses, uses = payload_range(data), dict[tuple[Controller, float], int]()
+    masses, uses = payload_range(data), Counter[tuple[Controller, float]]()
     own = {s.prototype.controller: s.outer_end_mass_kg for s in data.prototype.stages(masses)}
     for law in own:
         if law is not None:
             uses[law, data.prototype.payload.inner_end_mass_kg] = 10**6
     recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
-    for taken in (one for one in recorded if one.controller != OFF):
-        key = (taken.controller, taken.inner_end_mass)
-        uses[key] = uses.get(key, 0) + 1
+    uses.update((one.controller, one.inner_end_mass) for one in recorded if one.controller != OFF)
     if not uses:
-        for gain in data.gains:
-            uses.setdefault((gain.controller, gain.inner_end_mass), 1)
+        uses.update(dict.fromkeys(((gain.controller, gain.inner_end_mass) for gain in data.gains), 1))
     return [(law, inner, own.get(law, masses)) for law, inner in sorted(uses, key=lambda key: -uses[key])]
 
 
@@ -160,16 +156,10 @@ def terms(prototype: Prototype) -> Terms:
         except (InputError, ValueError):
             continue
         critical.append(CriticalPoint(mass, at.gain_A_per_V, at.frequency_Hz))
-    guaranteed = certificate.guaranteed
-    return Terms(
-        tuple(certificate.stable_ranges_kg),
-        certificate.stable,
-        guaranteed.bandwidth_Hz if guaranteed else None,
-        guaranteed.peak_sensitivity if guaranteed else None,
-        tuple(critical),
-        certificate.scope,
-        holds_for=holds_for(prototype),
-    )
+    kept, ranges = certificate.guaranteed, tuple(certificate.stable_ranges_kg)
+    bandwidth_Hz, peak = (kept.bandwidth_Hz, kept.peak_sensitivity) if kept else (None, None)
+    given = ranges, certificate.stable, bandwidth_Hz, peak, tuple(critical), certificate.scope
+    return Terms(*given, holds_for=holds_for(prototype))
 
 
 @dataclass(frozen=True)
@@ -213,8 +203,12 @@ def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], pr
     if off_axis(diagnosed):
         return Redesign(outer_end_mass_kg, reason=_OFF_AXIS)
     try:
-        if diagnosed.compliance is not None:
-            return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)
+        if (asked := diagnosed.compliance) is not None:  # sought on the diagnosed figures alone
+            given = diagnosed, asked.end_stiffness_N_per_m, outer_end_mass_kg
+            soft = stiffness(*given, contact="none", rigs=0, progress=progress or silent)  # stable in the air at least
+            if soft.prototype is None or soft.certificate is None:
+                return Redesign(outer_end_mass_kg, reason=soft.reason)
+            return Redesign(outer_end_mass_kg, soft.prototype, ((soft.certificate, soft.prototype),))
         found = tune_alike(diagnosed, outer_end_mass_kg, progress)
     except InputError as error:  # an effect for which no linear loop stands, or so many stages do not fit
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
@@ -224,13 +218,3 @@ def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], pr
         kept = old.but(stage=new.stage, dwell_s=new.dwell_s)
         found = replace(found, prototype=found.prototype.but(controller=kept))
     return Redesign(outer_end_mass_kg, *certified_laws(found))
-
-
-def _of_stiffness(
-    diagnosed: Prototype, end_stiffness: float, masses_kg: tuple[float, float], progress: Progress | None
-) -> Redesign:
-    """The same on the diagnosed figures alone, stable in the air at least."""
-    found = stiffness(diagnosed, end_stiffness, masses_kg, contact="none", rigs=0, progress=progress or silent)
-    if found.prototype is None or found.certificate is None:
-        return Redesign(masses_kg, reason=found.reason)
-    return Redesign(masses_kg, found.prototype, ((found.certificate, found.prototype),))

@@ -76,13 +76,11 @@ def backlash_impacts(
     loosened = loose_joint(rig)
     sought = loosened | base.hypothesis
     placement = sought.placement(rig)
-    z = _looked_for(evidence, sought, rig, null)
-    if z is None:
+    if (z := _looked_for(evidence, sought, rig, null)) is None:
         return None
     progress(0.3, "play")
     z = _brought_down(evidence, sought, placement, z)
-    seen = _blurred(evidence, placement, z)
-    if seen is None:
+    if (seen := _blurred(evidence, placement, z)) is None:
         return None
     expected = sum(e.expected for e in seen)
     loose = fit(sought, placement, seen, z, _LOOK)
@@ -116,8 +114,7 @@ def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: P
     Secants of different lengths see different ground, so that one gets out of where another is stuck.
     """
     for secant in _SECANTS:
-        seen = _blurred(evidence, placement, z, secant)
-        if seen is None:
+        if (seen := _blurred(evidence, placement, z, secant)) is None:
             break
         found = fit(sought, placement, seen, z, _AGAIN)
         if found.reason:
@@ -207,8 +204,7 @@ def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evid
         if not other.effects and other.names[0] not in strained:
             continue
         placement = (loosened | other).placement(rig)
-        begun = starts(placement, loose.values, hardest, (), 1)
-        if not begun:
+        if not (begun := starts(placement, loose.values, hardest, (), 1)):
             continue
         # A figure set free begins where it is, and has its worth in what it no longer costs.
         cost = misfit_at(hardest, placement, begun[0], enough) if other.effects else 0.0
@@ -260,8 +256,7 @@ def rings(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
         placement: the unknowns of a hypothesis.
         z: (K,) their values.
     """
-    residual = piece.residual(placement, z)
-    if residual is None:
+    if (residual := piece.residual(placement, z)) is None:
         return True
     power = np.abs(piece.displacement(residual)) ** 2
     frequency = piece.weight.frequencies_Hz
@@ -313,8 +308,7 @@ def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
         a search in which models follow the records; None where neither is found.
     """
     data, before = look.data, look.search
-    found = _backlash_impacts(data, before, part_of(progress, 0.0, 1 / 3))
-    if found is not None:
+    if (found := _backlash_impacts(data, before, part_of(progress, 0.0, 1 / 3))) is not None:
         return found.after(look)
     best = min((before.null, *before.fits), key=lambda fit: fit.misfit)
     placement = best.hypothesis.placement(data.prototype)
@@ -332,8 +326,7 @@ def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> Look
     for beside in (None, *(first[count] for count in (1, 2) if count in first)):
         if beside is not None and before.excess(beside) > _HELPS:
             break
-        found = backlash_impacts(data, before, progress, beside)
-        if found is None:
+        if (found := backlash_impacts(data, before, progress, beside)) is None:
             continue
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:

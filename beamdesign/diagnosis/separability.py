@@ -76,8 +76,7 @@ def indistinguishable(
         TimeUp: see `beamdesign.time_limit.heed`.
     """
     nothing = NOTHING.placement(data.prototype)
-    rest = linearised(evidence, nothing, np.zeros(len(nothing.unknowns)))
-    if rest is None:
+    if (rest := linearised(evidence, nothing, np.zeros(len(nothing.unknowns)))) is None:
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
     base, tolerances = (np.concatenate(parts) for parts in zip(*rest, strict=True))
     known = {cause(name) for name in known_effects(data.prototype)}

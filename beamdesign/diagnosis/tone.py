@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
@@ -28,9 +28,7 @@ from beamdesign.quantities import decimal, quantity
 _MAIN = 2  # lines to either side that Hann's window makes of one
 _BESIDE = 20  # lines to either side that tell what there is without it
 _CLEAR, _SEEN = 12.0, 4.0  # amplitude over that of the lines beside it: in one record, and in the others
-_ALONE = (
-    0.5  # of the power within a sixth of an octave to either side: a set of tones that drives a rig has others there
-)
+_ALONE = 0.5  # of the power within a sixth of an octave to either side: tones that drive a rig have others there
 _RECORDS, _SHARE = 3, 0.6  # that have it
 _DRIVEN = 3.0  # largest over smallest rms of records: where it is less, what is driven looks like what is not
 _MAINS_HZ, _OFF = (50.0, 60.0), 0.004  # and how far mains are off
@@ -166,7 +164,10 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     beside = _WANDERS / min((float(np.ptp(piece.record.times)) for piece in pieces), default=np.inf)
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
-        if tone is None or not (tone.of_the_mains or _of_several_loops(tone, records)):
+        if tone is None:
+            break
+        loops = {(record.masses, record.controller) for record in records if record.name in tone.having}
+        if len(loops) < 2 and not tone.of_the_mains:
             break
         if any(abs(tone.frequency_Hz - other) < beside for other in taken):
             return data, (), False
@@ -189,10 +190,6 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
 
 _TAKEN_OFF = "It is taken off the records before they are weighed"
 _HEARD = "; but the loop hears it, so that the rig moves by it, which no model here does"
-
-
-def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
-    return len({(r.masses, r.controller) for r in records if r.name in tone.having}) > 1
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

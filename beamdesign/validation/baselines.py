@@ -132,15 +132,11 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
     if null.reason or (base := linearised(evidence, placement, null.z)) is None:
         return Dictionary((), np.zeros((0, 0)), np.zeros(0))
     residual, tolerances = (np.concatenate(parts) for parts in zip(*base, strict=True))
-    names: list[str] = []
-    columns: list[np.ndarray] = []
-    for name in (name for name, effect in causes().items() if not effect.realises and suits(name, prototype)):
-        if (change := _change(name, prototype, evidence, null, residual)) is not None:
-            names.append(name)
-            columns.append(change)
-    names += [WRONG + RIG_TOLERANCES[unknown.name] for unknown in null.unknowns]
-    columns += list(tolerances.T)
-    d = np.column_stack(columns)
+    usual = (name for name, effect in causes().items() if not effect.realises and suits(name, prototype))
+    changes = ((name, _change(name, prototype, evidence, null, residual)) for name in usual)
+    seen = {name: change for name, change in changes if change is not None}
+    names = [*seen, *(WRONG + RIG_TOLERANCES[unknown.name] for unknown in null.unknowns)]
+    d = np.column_stack([*seen.values(), *tolerances.T])
     # Tolerances follow a term as far as their priors let them; at the null fit itself they have nothing to gain.
     across = tolerances.T @ d
     curvature = np.eye(tolerances.shape[1]) + tolerances.T @ tolerances
@@ -209,11 +205,9 @@ def baselines(data: Dataset, found: Search) -> dict[str, dict[str, Any]]:
         return {}
     evidence = record_evidence(data)
     terms = dictionary(data.prototype, evidence, found.null)
-    return {
-        NAMES[0]: {"chosen": largest_score(terms)},
-        NAMES[1]: {"chosen": greedy_bic(evidence, data, found)},
-        NAMES[2]: {"chosen": sparse_sum(terms, INDEPENDENT * sum(len(e.weight.channels) for e in evidence))},
-    }
+    units = INDEPENDENT * sum(len(e.weight.channels) for e in evidence)
+    named = largest_score(terms), greedy_bic(evidence, data, found), sparse_sum(terms, units)
+    return {name: {"chosen": chosen} for name, chosen in zip(NAMES, named, strict=True)}
 
 
 def largest_score(terms: Dictionary) -> list[str]:
@@ -228,15 +222,11 @@ def largest_score(terms: Dictionary) -> list[str]:
 
 def greedy_bic(evidence: Sequence[RecordEvidence], data: Dataset, found: Search) -> list[str]:
     """Forward selection among the fitted hypotheses while the criterion falls."""
-    models = {fit.hypothesis: fit for fit in (found.null, *found.fits) if not fit.reason}
+    models = [fit for fit in (found.null, *found.fits) if not fit.reason]
     chosen, value = found.null, _criterion(found.null, evidence, data)
     for _ in range(_MOST):
-        size = len(chosen.hypothesis.names) + 1
-        larger = [
-            fit
-            for hypothesis, fit in models.items()
-            if len(hypothesis.names) == size and set(hypothesis.names) > set(chosen.hypothesis.names)
-        ]
+        own = {*chosen.hypothesis.names}
+        larger = [fit for fit in models if len({*fit.hypothesis.names} - own) == 1 and {*fit.hypothesis.names} > own]
         least, best = min(((_criterion(fit, evidence, data), k) for k, fit in enumerate(larger)), default=(np.inf, 0))
         if least >= value:
             break
@@ -253,8 +243,7 @@ def _criterion(fit: Fit, evidence: Sequence[RecordEvidence], data: Dataset) -> f
     placement = fit.hypothesis.placement(data.prototype)
     squares: dict[str, list[np.ndarray]] = {}
     for piece in evidence:
-        predicted = piece.predicted(placement, fit.z)
-        if predicted is None:
+        if (predicted := piece.predicted(placement, fit.z)) is None:
             return np.inf
         for k, name in enumerate(piece.weight.channels):
             squares.setdefault(name, []).append((piece.measured[:, k] - predicted[:, k]) ** 2)

@@ -137,18 +137,12 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     # A diagnosis that found some of its fits made has no time of its own: that of the run which made them stays.
     times = {"seconds": seconds[0], "cpu_seconds": seconds[1]} if recalled == 0 else before.get("time")
     same = before.get("compared_by") == now["compared_by"] and before.get("fitted_by") == fitted_by
-    if same and "baselines" in before:
-        compared = before["baselines"]
-    else:
+    if (compared := before.get("baselines") if same else None) is None:
         compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)
-    return {
-        "fits_made": made,
-        "added_by": None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by"),
-        "time": times,
-        "baselines": compared,
-        "diagnosis": found.to_dict(),
-    }
+    added = None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by")
+    said = found.to_dict()
+    return {"fits_made": made, "added_by": added, "time": times, "baselines": compared, "diagnosis": said}
 
 
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:

@@ -22,6 +22,7 @@ from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress, end_at_once, silent
 from beamdesign.records import InputError
+from beamdesign.result import picked
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
 from beamdesign.validation.case_plan import (
     Planned,
@@ -203,20 +204,16 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Outcome, ...]:
     """
     seal = read_seal(check.seal)
     missing = {key for key in seal.answers if not check.place(key).result.is_file()}
-    answers = read_answers(check.answers, missing if unfinished else set())
-    problems = [
-        (key, "the answer is not the one that was sealed")
-        for key in broken(seal, answers)
-        if not (unfinished and key in missing)
-    ]
+    closed = missing if unfinished else set[str]()
+    answers = read_answers(check.answers, closed)
+    changed = (key for key in broken(seal, answers) if key not in closed)
+    problems = [(key, "the answer is not the one that was sealed") for key in changed]
     answered = []
-    for key in seal.answers:
-        path = check.place(key).result
+    for key in (key for key in seal.answers if key not in closed):
         if key in missing:
-            if not unfinished:
-                problems.append((key, "not diagnosed"))
+            problems.append((key, "not diagnosed"))
             continue
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(check.place(key).result.read_text(encoding="utf-8"))
         if found["set_sha256"] != seal.sets[key]:
             problems.append((key, "what was diagnosed are not the data that were sealed"))
         elif key in answers:
@@ -237,10 +234,8 @@ def scored(check: Check, unfinished: bool = False) -> "Scored":
         "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
         "planned": len(check.cases),
         "scored": len(answered),
-        "seed": check.seed,
-        "short": check.short,
-        "seal": seal.whole,
-        "truth": seal.truth,
+        **picked(check, "seed short"),
+        **picked(seal, "seal=whole truth"),
         "fitted_by": _all(found.get(key) for found in made for key in ("fitted_by", "added_by")),
         "judged_by": _all(found.get("judged_by") for found in made),
         "not_drawn": check.not_drawn,
@@ -256,11 +251,8 @@ def _all(digests: Iterable[Any]) -> str:
 
 def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:
     """All answers by case, but for those that stay closed."""
-    return {
-        path.stem: json.loads(path.read_text(encoding="utf-8"))
-        for path in sorted(folder.glob("*.json"))
-        if path.stem not in closed
-    }
+    paths = (path for path in sorted(folder.glob("*.json")) if path.stem not in closed)
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def _squares(

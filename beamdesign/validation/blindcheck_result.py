@@ -181,16 +181,9 @@ def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:
 
 def baseline_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     """The diagnosis beside the baselines, for `BASELINE_COLUMNS`."""
-    ours = {s.name: s for s in scores(outcomes)}
-    others = [{s.name: s for s in baseline_scores(name, outcomes)} for name in NAMES]
-    return [
-        (
-            name,
-            _figure(ours[name], ours[name].value) if name in ours else "",
-            *(_figure(other[name], other[name].value) for other in others),
-        )
-        for name in others[0]
-    ]
+    every = (scores(outcomes), *(baseline_scores(name, outcomes) for name in NAMES))
+    ours, *others = ({s.name: _figure(s, s.value) for s in found} for found in every)
+    return [(name, ours.get(name, ""), *(other[name] for other in others)) for name in others[0]]
 
 
 def _figure(score: Score, value: float) -> str:

@@ -87,9 +87,7 @@ class Claim:
         if self.paper == 0:
             return f"differs by {self.model:+.3g} {self.unit}".rstrip()
         ratio = self.model / self.paper
-        return (
-            f"differs by a factor of {ratio:.3g}" if not 0.5 < ratio < 2 else f"differs by {100 * (ratio - 1):+.1f} %"
-        )
+        return f"differs by {f'{100 * (ratio - 1):+.1f} %' if 0.5 < ratio < 2 else f'a factor of {ratio:.3g}'}"
 
 
 @dataclass(frozen=True)

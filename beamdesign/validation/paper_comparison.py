@@ -1,7 +1,9 @@
 """Everything the paper states, recomputed: one result that page, JSON and figures are made from."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -117,11 +119,8 @@ def document_of(comparison: Comparison, drawings: list[Drawing]) -> Document:
         " more than 5 % and more than the rounding of the print. Critical gains, bandwidths and crossings come from"
         " exact polynomials, not from sweeps."
     )
-    template = document_template(
-        Path(__file__).with_name("paper.j2"),
-        n=_number,
-        groupby_in_order=lambda claims: groupby(claims, key=lambda claim: claim.group),
-    )
+    by_group = partial(groupby, key=attrgetter("group"))
+    template = document_template(Path(__file__).with_name("paper.j2"), n=_number, groupby_in_order=by_group)
     pictures = {one.name: Picture("", one.name, f"Paper: {one.claim} Model: {one.caption}") for one in drawings}
     parts = parts_from(
         template, pictures, comparison=comparison, drawings=drawings, choices=CHOICES, variations=VARIATIONS,

@@ -208,8 +208,7 @@ def lag_open_loop() -> _Drawn:
     (pole, zero), spike = pair_Hz(loop), phase_spike_deg(loop)
     figure, magnitude = _bode({"lag, 300 mA/V": loop}, (50.0, 55.0), "spike up")
     note(magnitude, "paper: 50 and 55 Hz", (50.0, magnitude.get_ylim()[0]), (-6, 6), "right")
-    margin = loop.margins().gain_up
-    return figure, {"pole": pole, "zero": zero, "margin": margin, "spike": spike, "up": spike > 0}
+    return figure, {"pole": pole, "zero": zero, "margin": loop.margins().gain_up, "spike": spike, "up": spike > 0}
 
 
 @_numbered(12)

@@ -263,10 +263,8 @@ def stable_masses(gain_mA_per_V: float, inner_end_mass_kg: float) -> list[tuple[
 
 def pair_Hz(loop: LoopAtMass) -> tuple[float, float]:
     """Frequencies of the slowest complex pole and zero of the open loop, Hz."""
-    pole, zero = (
-        min(abs(root) for root in roots if root.imag > 0) / (2 * pi)
-        for roots in (loop.open_loop_poles(), loop.open_loop_zeros())
-    )
+    both = loop.open_loop_poles(), loop.open_loop_zeros()
+    pole, zero = (min(abs(root) for root in roots if root.imag > 0) / (2 * pi) for roots in both)
     return float(pole), float(zero)
 
 

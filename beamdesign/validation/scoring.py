@@ -116,9 +116,8 @@ def outcome(key: str, answer: dict[str, Any], found: dict[str, Any], errors: Map
         "each_over_floor": min((gaps[name] for name in effects), default=0.0),
     }
     if "diagnosis" not in found:
-        return Outcome(
-            **base, verdict=FAILED, failure=" at ".join(str(found[k]) for k in ("failed", "failed_at") if k in found)
-        )
+        failure = " at ".join(str(found[key]) for key in ("failed", "failed_at") if key in found)
+        return Outcome(**base, verdict=FAILED, failure=failure)
     said = found["diagnosis"]
     verdict, gap = said["verdict"], said["gap"]
     causes = {cause["name"]: cause for cause in said["effects"]}
@@ -126,6 +125,7 @@ def outcome(key: str, answer: dict[str, Any], found: dict[str, Any], errors: Map
     stated = {frozenset(row["names"]): row["probability"] for row in said["hypotheses"]}
     unknown = said["probability_unknown"]
     named = verdict if verdict in (NO_GAP, UNKNOWN) else next(iter((*said["chosen"], *causes)), UNKNOWN)
+    rivals = {name for each in said["classes"] for text in each for name in text.split(" + ")}
     comparable = (verdict != UNKNOWN or bool(said["chosen"])) and gap["closed"] is not None
     time, floor = found.get("time"), answer.get("relative_floor", 0.0)
     return Outcome(
@@ -138,9 +138,7 @@ def outcome(key: str, answer: dict[str, Any], found: dict[str, Any], errors: Map
         exactly=unknown if answer["kind"] == "outside" else stated.get(frozenset(effects), 0.0),
         no_gap=stated.get(frozenset(), 0.0),
         unknown=unknown,
-        alternatives=tuple(
-            sorted({name for rivals in said["classes"] for text in rivals for name in text.split(" + ")})
-        ),
+        alternatives=tuple(sorted(rivals)),
         closed=gap["closed"] if comparable else None,
         interval=tuple(gap["closed_interval"]) if comparable else None,
         closed_truly=closed_by(errors),

@@ -38,9 +38,8 @@ class RunawayError(Exception):
 
 def nominal_table(prototype: Prototype) -> dict[str, Any]:
     """A prototype as the truth model reads it: lumped figures, tolerances, nothing of its controller."""
-    table = prototype.model_dump(
-        mode="json", exclude_none=True, include={"name", "actuator", "servovalve", "sensor", "tolerance"}
-    )
+    stated = {"name", "actuator", "servovalve", "sensor", "tolerance"}
+    table = prototype.model_dump(mode="json", exclude_none=True, include=stated)
     for name, beam in (("outer_beam", prototype.outer_beam), ("inner_beam", prototype.inner_beam)):
         lumped = lumped_beam(beam)
         table[name] = {
@@ -75,8 +74,7 @@ def virtual_rig(
     law, nominal = prototype.own_controller, nominal_table(prototype)
     rng = np.random.default_rng(seed)
     factors = draw_true(nominal, rng)
-    figures = rig_figures(nominal, factors, _HABITS)
-    scales = Scales(figures, 900.0, 7.5e-3)
+    scales = Scales(rig_figures(nominal, factors, _HABITS), 900.0, 7.5e-3)
     departures = () if effect == "none" else (Departure(effect, severity, KINDS[effect].shape(rng)),)
     kind = "null" if effect == "none" else "single"
     case = Case(seed, kind, nominal, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)
@@ -116,5 +114,4 @@ def critical_gain(case: Case, law: Controller, outer_end_mass_kg: float, inner_e
 def gain_margin(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> float:
     """Least critical gain of the virtual rig at both ends of the payload, over a design's gain; 1 is the brink."""
     law, inner = design.own_controller, design.payload.inner_end_mass_kg
-    gains = [critical_gain(case, law, mass, inner) for mass in masses_kg]
-    return min(gains) / law.gain_A_per_V
+    return min(critical_gain(case, law, mass, inner) for mass in masses_kg) / law.gain_A_per_V

@@ -89,14 +89,10 @@ class BenchSet(Result):
 
     def rows(self) -> list[tuple[str, str, str]]:
         """What was measured under which command: for people."""
-        return [
-            (
-                run.name,
-                f"{len(run.times)} samples, {np.ptp(run.times):.4g} s",
-                f"{run.condition}, replicate {run.replicate}, chamber {run.side}",
-            )
-            for run in self.runs
-        ] + [("warning", words, "") for words in self.warnings]
+        sizes = (f"{len(run.times)} samples, {np.ptp(run.times):.4g} s" for run in self.runs)
+        taken = (f"{run.condition}, replicate {run.replicate}, chamber {run.side}" for run in self.runs)
+        names = (run.name for run in self.runs)
+        return [*zip(names, sizes, taken, strict=True), *(("warning", words, "") for words in self.warnings)]
 
 
 class _Entry(Record):
@@ -134,16 +130,13 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     prototype = read_bench_prototype(path.parent / entry.prototype)
     runs = tuple(run for row in entry.record for run in _runs(path.parent / row.file, row, prototype))
     taken = Counter((run.condition, run.replicate, run.side) for run in runs)
-    twice = [each for each, count in taken.items() if count > 1]
-    if twice:
+    if twice := [each for each, count in taken.items() if count > 1]:
         raise InputError(path, [("record", f"{c}, replicate {r}, chamber {s} stands twice") for c, r, s in twice])
     conditions = dict.fromkeys(run.condition for run in runs)
-    alone = [
-        Problem("record.condition", f"{condition} has no run with the pressure of chamber {side}")
-        for condition in conditions
-        for side in "ab"
-        if not any(run.condition == condition and run.side == side for run in runs)
-    ]
+    there = {(run.condition, run.side) for run in runs}
+    lacking = (each for each in product(conditions, "ab") if each not in there)
+    unseen = (f"{condition} has no run with the pressure of chamber {side}" for condition, side in lacking)
+    alone = [Problem("record.condition", reason) for reason in unseen]
     if len(conditions) < 2:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
     for condition, sign in product(conditions, (1, -1)):
@@ -153,8 +146,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
             alone.append(Problem("record.condition", f"{words}; what belongs together has one command"))
     if alone:
         raise InputError(path, alone)
-    warnings = [words for run in runs for words in _odd(run)]
-    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(warnings)))
+    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(words for run in runs for words in _odd(run))))
 
 
 def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
@@ -196,14 +188,10 @@ def _runs(path: Path, row: _Entry, prototype: BenchPrototype) -> list[BenchRun]:
     refuse_missing(path, ("t_s", "command_V", "displacement_m"), columns)
     sides = [side for side in "ab" if f"pressure_{side}_Pa" in columns]
     if not sides:
-        raise InputError(
-            path, [("pressure_a_Pa", "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both")]
-        )
-    moved = (
-        uniform_times(path, columns["t_s"], _LONGEST_S),
-        held_commands(columns["command_V"]),
-        columns["displacement_m"],
-    )
+        reason = "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both"
+        raise InputError(path, [("pressure_a_Pa", reason)])
+    times = uniform_times(path, columns["t_s"], _LONGEST_S)
+    moved = times, held_commands(columns["command_V"]), columns["displacement_m"]
     named = path.stem, row.condition, row.replicate
     runs = [BenchRun(*named, side, *moved, columns[f"pressure_{side}_Pa"]) for side in sides]
     if problems := list(dict.fromkeys(problem for run in runs for problem in _contradictions(run, prototype))):

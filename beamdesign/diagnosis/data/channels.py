@@ -9,7 +9,7 @@ from beamdesign.bench_prototype import AnyPrototype, BenchPrototype
 from beamdesign.diagnosis.data.dataset import INPUTS
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, unit_of
 from beamdesign.plant.actuators import FELT
-from beamdesign.records import InputError, Problem
+from beamdesign.records import InputError
 
 _RECORD = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s|^x[_ ]?values?$"),
@@ -117,22 +117,18 @@ def asked(texts: Sequence[str], channels: Channels) -> dict[str, list[tuple[str,
     Raises:
         InputError: with all that cannot be read.
     """
-    found, wrong = defaultdict[str, list[tuple[str, str, float]]](list), list[Problem]()
+    found, wrong = defaultdict[str, list[tuple[str, str, float]]](list), list[str]()
     for text in texts:
         channel, equals, rest = (part.strip() for part in text.partition("="))
         match = re.match(r"^(-?)\s*(.*?)\s*(?:\[([^\]]*)\])?$", rest)
         if not equals or match is None or not match[2]:
-            wrong.append(
-                Problem("--column", f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
-            )
+            wrong.append(f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
         elif channel not in channels.known:
-            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(channels.known)}"))
+            wrong.append(f"{channel!r} is no channel; there are {', '.join(channels.known)}")
         elif match[2] in (name for name, unit, _ in found.get(channel, ()) if unit == (match[3] or "").strip()):
-            wrong.append(
-                Problem("--column", f"{channel!r} is named twice as {match[2]!r}; name each column of it once")
-            )
+            wrong.append(f"{channel!r} is named twice as {match[2]!r}; name each column of it once")
         else:
             found[channel].append((match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0))
     if wrong:
-        raise InputError("gap import", wrong)
+        raise InputError("gap import", [("--column", reason) for reason in wrong])
     return found

@@ -87,10 +87,8 @@ class TimeRecord:
     @cached_property
     def excitation(self) -> str:
         """Which input drives it: `command`, `disturbance`, `both` or `none`; a force sensor's noise drives nothing."""
-        forced = bool(np.any(self.denoised[0]))
-        return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[
-            forced, bool(np.std(self.inputs[:, 1]) > 0)
-        ]
+        forced, commanded = bool(np.any(self.denoised[0])), bool(np.std(self.inputs[:, 1]) > 0)
+        return (("none", "command"), ("disturbance", "both"))[forced][commanded]
 
     @cached_property
     def denoised(self) -> tuple[np.ndarray, np.ndarray]:
@@ -367,9 +365,8 @@ def _response(path: Path, row: ResponseEntry, controller: Controller, warnings: 
     if np.any(np.diff(frequencies) <= 0) or frequencies[0] <= 0:
         wrong.append(Problem("frequency_Hz", "must be positive and rise from row to row"))
     if np.all(magnitude < 0):
-        wrong.append(
-            Problem(column, f"all are negative: give the ratio in {column[10:].replace('_per_', '/')}, not decibels")
-        )
+        unit = column[10:].replace("_per_", "/")
+        wrong.append(Problem(column, f"all are negative: give the ratio in {unit}, not decibels"))
     elif np.any(magnitude <= 0):
         first = int(np.argmax(magnitude <= 0))
         wrong.append(Problem(column, f"must be positive, is {magnitude[first]:g} in row {first + 2}"))
@@ -389,7 +386,6 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
         given, least = law.model_dump(), law.gain_A_per_V
     else:
         given = dict(row.controller or {"kind": "proportional"})
-    table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
-    found = records.parse(_Gained, table, path).controller
+    found = records.parse(_Gained, {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}, path).controller
     masses, noted = (row.outer_end_mass_kg, row.inner_end_mass_kg), (row.relative_std, row.frequency_Hz)
     return MeasuredGain(found, *masses, *noted, row.predicted_gain_A_per_V, least, row.load_N)

@@ -151,7 +151,7 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
         InputError: with everything wrong in it.
     """
     raw = records.read_table(path)
-    if single := [key for key in _ENTRIES if isinstance(raw.get(key), dict)]:
+    if single := [key for key in _KINDS if isinstance(raw.get(key), dict)]:
         words = "must be a list of tables: write [[{}]] with double brackets"
         raise InputError(path, [Problem(key, words.format(key)) for key in single])
     table, warnings = _known_keys(raw)
@@ -172,11 +172,7 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
     return entry, warnings
 
 
-_ENTRIES: dict[str, type[Record]] = {
-    "record": TimeEntry,
-    "frequency_response": ResponseEntry,
-    "critical_gain": GainEntry,
-}
+_KINDS: dict[str, type[Taken]] = {"record": TimeEntry, "frequency_response": ResponseEntry, "critical_gain": GainEntry}
 
 
 def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -190,7 +186,7 @@ def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         return {key: value for key, value in part.items() if key not in unknown}
 
     kept = known(table, Index, "key ")
-    for key, shape in _ENTRIES.items():
+    for key, shape in _KINDS.items():
         if isinstance(rows := kept.get(key), list):
             kept[key] = [known(row, shape, f"{key}.") if isinstance(row, dict) else row for row in rows]
     return kept, list(dict.fromkeys(warnings))

@@ -165,9 +165,8 @@ def import_measured(
     if bench:
         entries["record"] = _runs(tables)
     rig = {"rig": model.rig} if bench else {}
-    index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml"} | {
-        key: rows for key, rows in entries.items() if rows
-    }
+    listed = {key: rows for key, rows in entries.items() if rows}
+    index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml", **listed}
     read = read_bench_set if bench else read_dataset
     with fresh_folder(out) as fresh:
         (fresh / "records").mkdir(exist_ok=True)
@@ -203,15 +202,11 @@ def _stated(
         if wrong := [(option, "is nothing that a bench has") for option, said in given.items() if said]:
             raise InputError("gap import", wrong)
         return [{}] * len(files)
-    if len(outer_end_masses_kg) not in (1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_masses_kg)}"
-        raise InputError("gap import", [("--outer-end-mass", reason)])
-    masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
+    masses = _of_each(files, "--outer-end-mass", outer_end_masses_kg)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
-    if wrong := [
-        (option, plausible.refusal(kg, "mass_kg")) for option, some in stated for kg in some if kg not in plausible
-    ]:
+    off = ((option, kg) for option, some in stated for kg in some if kg not in plausible)
+    if wrong := [(option, plausible.refusal(kg, "mass_kg")) for option, kg in off]:
         raise InputError("gap import", wrong)
     laws = (law and law.model_dump(mode="json", exclude_none=True) for law in _acted(model, files, masses, stages))
     return [
@@ -243,14 +238,11 @@ def _acted(
     Raises:
         InputError: where that cannot be told, and for stages that there are not.
     """
-    schedule = in_plane(model).schedule
-    if schedule is None:
+    if (schedule := in_plane(model).schedule) is None:
         if stages:
             raise InputError("gap import", [("--stage", f"{model.name} has no scheduled controller")])
         return [None] * len(files)
-    if len(stages) not in (0, 1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(stages)}"
-        raise InputError("gap import", [("--stage", reason)])
+    stages = stages and _of_each(files, "--stage", stages)
     laws, wrong = [law for law, _ in schedule.laws], list[Problem]()
     if none := sorted({stage for stage in stages if not 1 <= stage <= len(laws)}):
         wrong.append(Problem("--stage", f"there is no {', '.join(map(str, none))}; stages are 1 to {len(laws)}"))
@@ -261,8 +253,15 @@ def _acted(
             wrong.append(Problem("--stage", f"of {path}: {error}; give the number of the stage that acted"))
     if wrong:
         raise InputError("gap import", wrong)
-    each: list[Controller | None] = [laws[stage - 1] for stage in stages]
-    return each if len(each) > 1 else (each or [None]) * len(files)
+    return [laws[stage - 1] for stage in stages] if stages else [None] * len(files)
+
+
+def _of_each(files: Sequence[Path | str], option: str, given: Sequence[Any]) -> list[Any]:
+    """What is given of each file, or of all of them at once; refused where it is neither."""
+    if len(given) not in (1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(given)}"
+        raise InputError("gap import", [(option, reason)])
+    return [*given] * (len(files) if len(given) == 1 else 1)
 
 
 def _csv(table: Mapping[str, np.ndarray]) -> str:
@@ -311,9 +310,8 @@ def _record(
             lengths = f"{len(other[0].values)} values, where the others have {len(found.columns[0].values)}"
             wrong.append(Problem(channel, f"{other[0].name!r} has {lengths}: give all of them at the same times"))
         elif alike or channel in (*channels.needed, *channels.asked):
-            which = (
-                f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
-            )
+            names = " or ".join(repr(one.name) for one in alike)
+            which = f"may be {names}" if alike else "is not told by any name or unit"
             none = f", or say that there is none, --column '{channel} = {NOTHING}'"
             if channel in channels.needed:
                 none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else _ANOTHER

@@ -30,18 +30,10 @@ _CLOCK = re.compile(
 )
 _VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
+_LBF = 4.4482216152605  # N
 UNITS = {
     "s": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "N": {
-        "N": 1.0,
-        "newton": 1.0,
-        "newtons": 1.0,
-        "kN": 1e3,
-        "mN": 1e-3,
-        "lbf": 4.4482216152605,
-        "lbs": 4.4482216152605,
-        "kgf": 9.80665,
-    },
+    "N": {"N": 1.0, "newton": 1.0, "newtons": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": _LBF, "lbs": _LBF, "kgf": 9.80665},
     "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
     "A": {"A": 1.0, "amp": 1.0, "amps": 1.0, "mA": 1e-3, "uA": 1e-6},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "mil": 2.54e-5},
@@ -107,11 +99,9 @@ def read_measured(path: Path) -> Measured:
     Raises:
         InputError: where nothing of use can be read from it, with what to do.
     """
-    reader = {".mat": _matlab, ".uff": _universal, ".unv": _universal, ".uf": _universal}.get(
-        path.suffix.lower(), _text
-    )
+    readers = {".mat": _matlab} | dict.fromkeys((".uff", ".unv", ".uf"), _universal)
     try:
-        return reader(path)
+        return readers.get(path.suffix.lower(), _text)(path)
     except OSError as error:
         raise InputError(path, [("(file)", error.strerror or str(error))]) from error
 
@@ -157,10 +147,8 @@ def _text(path: Path) -> Measured:
         if len(row) != width:
             raise _refuse(path, f"row {k} of its numbers has {len(row)} cells of {width}")
     try:
-        values = [
-            _seconds(cells) if clock else numbers_of(cells)
-            for clock, cells in zip(clocks, zip(*rows[first:], strict=True), strict=True)
-        ]
+        cells = zip(*rows[first:], strict=True)
+        values = [(_seconds if clock else numbers_of)(own) for clock, own in zip(clocks, cells, strict=True)]
     except ValueError as error:
         raise _refuse(path, f"has a time of day or a date that there is not: {error}") from error
     columns = [_column(name, unit, of) for name, unit, of in zip(names, units, values, strict=True)]
@@ -284,8 +272,7 @@ def _matlab(path: Path) -> Measured:
     except Exception as error:  # whatever the reader raises of a file that is cut or damaged
         raise _refuse(path, f"is no MATLAB file that can be read: {error}") from error
     arrays = dict(_arrays(found))
-    lengths = [len(one) for one in arrays.values()]
-    if not lengths:
+    if not (lengths := [len(one) for one in arrays.values()]):
         raise _refuse(path, "holds no vectors of numbers")
     most = max(set(lengths), key=lengths.count)
     columns = [_column(name, "", values) for name, values in arrays.items()]

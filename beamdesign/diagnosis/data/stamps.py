@@ -184,8 +184,7 @@ def filled(path: Path, table: Mapping[str, np.ndarray]) -> tuple[dict[str, np.nd
         InputError: with where values are missing and cannot be told from the others.
     """
     there = {name: np.flatnonzero(np.isfinite(values)) for name, values in table.items()}
-    lacking = [name for name, held in there.items() if len(held) < len(table["t_s"])]
-    if not lacking:
+    if not (lacking := [name for name, held in there.items() if len(held) < len(table["t_s"])]):
         return dict(table), {}
     if reason := unrising(table["t_s"]):
         raise InputError(path, [("t_s", reason)])
@@ -243,10 +242,8 @@ def evened(
         )
         raise InputError(path, [("t_s", reason)])
     if clock == "even" and not len(stamps.number):
-        reason = (
-            "no even clock is within half an interval of every stamp: --clock stamps, or cut the record where it halts"
-        )
-        raise InputError(path, [("--clock", reason)])
+        how = "--clock stamps, or cut the record where it halts"
+        raise InputError(path, [("--clock", f"no even clock is within half an interval of every stamp: {how}")])
     said, off = [], f"up to {stamps.jitter:.2g} of an interval off ({stamps.apart.get(most, 0.0):.2g} of {most})"
     if not len(stamps.number):
         said.append("samples are taken at their stamps, which are of no even clock")

@@ -95,6 +95,7 @@ _BELOW, _ENOUGH = 0.8, 10  # of the largest current; samples for each state of a
 _LEFT = 0.05  # residual that saturation may leave and be believed
 _SURE = 3.0  # standard deviations of the noise's power
 _SEEN = 0.01  # residual from which it is worth explaining
+_Delay = Callable[[np.ndarray, float], np.ndarray]  # the factor on a spectrum, of angular frequencies and a time
 
 
 @dataclass(frozen=True)
@@ -254,12 +255,7 @@ def _gain(current: np.ndarray, asked: np.ndarray) -> float:
 
 
 def _shifted(
-    current: np.ndarray,
-    asked: np.ndarray,
-    through_law: np.ndarray,
-    step: float,
-    law: Callable[[np.ndarray, float], np.ndarray],
-    both_ways: bool,
+    current: np.ndarray, asked: np.ndarray, through_law: np.ndarray, step: float, law: _Delay, both_ways: bool
 ) -> tuple[float, float]:
     """Best time of a law of delay, and the residual with it and a gain."""
     count = len(asked)
@@ -326,8 +322,7 @@ def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) ->
         controller: that one.
         sensor_gain: believed, V/m.
     """
-    asked = commanded_current(record, controller, sensor_gain)
-    if asked is None:
+    if (asked := commanded_current(record, controller, sensor_gain)) is None:
         return inf
     return mismatch(record.measured["current_A"], asked, noise_through_law(record, controller, sensor_gain))[0]
 

@@ -73,8 +73,7 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
         InputError: of the first file that does, with column and reason.
     """
     for response in responses:
-        problems = _problems(response, prototype)
-        if problems:
+        if problems := _problems(response, prototype):
             raise InputError(response.source or response.name, problems)
 
 
@@ -163,10 +162,8 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))
         elif not 1 / GAIN_FAR < ratio < GAIN_FAR:
-            text = (
-                f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed: check it and its masses"
-            )
-            warnings.append(Caution("critical_gain", "", text))
+            text = f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed"
+            warnings.append(Caution("critical_gain", "", f"{text}: check it and its masses"))
     if problems:
         raise InputError(folder / "dataset.toml", problems)
     return warnings
@@ -302,11 +299,8 @@ def examine(data: Dataset) -> Examination:
     data = replace(data, records=tuple(record for record, _ in mended))
     warnings += [caution for _, found in mended for caution in found]
     unchecked = "its current was not recorded: nothing tells whether it obeys the controller that is stated"
-    warnings += [
-        Caution("no_current", r.name, unchecked)
-        for r in data.records
-        if "current_A" not in r.measured and r.controller != OFF
-    ]
+    blind = (r.name for r in data.records if "current_A" not in r.measured and r.controller != OFF)
+    warnings += [Caution("no_current", name, unchecked) for name in blind]
     warnings += _misread(seen(), data)
     warnings += cautions(suitability, seen(), prototype, most=1)
     warnings += cautions(force_channel, seen(), prototype)
@@ -342,27 +336,19 @@ def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
     refused: dict[str, tuple[Reading, ...]] = {}
     doubtful: dict[str, tuple[Reading, ...]] = {}
     for record in records:
-        if as_it_stands(record, data.prototype):
-            if more := other_units(record, data.prototype):
-                refused[record.name] = more
-            continue
-        found = other_readings(record, data.prototype)
-        if found:
-            (refused if found[0].sure else doubtful)[record.name] = found
+        stands = as_it_stands(record, data.prototype)
+        if found := (other_units if stands else other_readings)(record, data.prototype):
+            (refused if stands or found[0].sure else doubtful)[record.name] = found
     # A small factor (pounds for newtons) is believed where no record with that input speaks against it.
     if doubtful:
         alike = [r.name for r in records if r.excitation in ("disturbance", "both")]
         if all(name in doubtful or name in refused for name in alike):
             refused |= doubtful
     if not refused:
-        return [
-            Caution("units", name, f"{found[0].key}: perhaps {found[0].words}", limits_confidence=True)
-            for name, found in doubtful.items()
-        ]
+        perhaps = {name: f"{found[0].key}: perhaps {found[0].words}" for name, found in doubtful.items()}
+        return [Caution("units", name, words, limits_confidence=True) for name, words in perhaps.items()]
     sources = {record.name: record.source or record.name for record in records}
-    problems = []
-    for name, readings in refused.items():
-        problems += [(name, problem) for problem in _merged(readings)]
+    problems = [(name, problem) for name, readings in refused.items() for problem in _merged(readings)]
     if len(refused) == 1:
         raise InputError(sources[problems[0][0]], [problem for _, problem in problems])
     of: dict[Problem, list[str]] = {}

@@ -142,8 +142,7 @@ def _equation(view: View) -> _Likeness:
 
 
 def _loop(view: View) -> tuple[_Likeness, ...] | None:
-    shares = expected(view.record, view.prototype)
-    if shares is None:
+    if (shares := expected(view.record, view.prototype)) is None:
         return None
     seen = ((name, view.record.measured[name]) for name in reversed(MEASURED) if name in view.record.measured)
     return tuple(_likeness(values, shares[name].sum(axis=1)) for name, values in seen)
@@ -181,15 +180,9 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
     view = View(record, prototype)
     compared = _loop(view) is not None
     for candidates, bent in ((_single, False), (_single, True), (_double, False)):
-        found = []
-        for reading, changed in candidates(view):
-            if bent and not reading.coarse:
-                continue
-            fault = _fault(changed, bent, compared)
-            if fault is not None:
-                found.append(replace(reading, fault=fault))
+        tried = ((one, _fault(changed, bent, compared)) for one, changed in candidates(view) if one.coarse or not bent)
+        found = sorted((replace(one, fault=fault) for one, fault in tried if fault is not None), key=lambda r: r.fault)
         if found:
-            found.sort(key=lambda reading: reading.fault)
             return tuple(r for r in found if r.fault < found[0].fault + 0.05)
     return ()
 
@@ -206,8 +199,7 @@ def _fault(view: View, bent: bool, compared: bool) -> float | None:
     equation = _equation(view)
     if not equation.within(*((_NEAR, _ALIKE_BENT) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
         return None
-    loop = _loop(view)
-    if loop is None:
+    if (loop := _loop(view)) is None:
         return None if compared else equation.fault + 1
     if not all(part.within(*((_FAR, _UNLIKE) if bent else (_NEAR, _ALIKE))) for part in loop):
         return None
@@ -307,10 +299,8 @@ def contradictions(
         if _plain(fit.residual, fit) or (odd and fit.residual > fit.doubt):
             found.append(_verdict(record, fit, records, prototype, common))
         elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
-            text = (
-                f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing: check for an offset"
-            )
-            found.append(Caution("offset", record.name, text, limits_confidence=True))
+            text = f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing"
+            found.append(Caution("offset", record.name, f"{text}: check for an offset", limits_confidence=True))
     return found
 
 
@@ -369,9 +359,8 @@ def _verdict(
         return obeys(best, "the one that fits best", best_left)
     if late < 0.5 * fit.residual:
         return _late(record, fit)
-    text = (
-        f"{fit.residual:.0%} of the current's rms is not what the stated controller makes of command and displacement"
-    )
+    made = "what the stated controller makes of command and displacement"
+    text = f"{fit.residual:.0%} of the current's rms is not {made}"
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
     line = line_left(record, gain)

@@ -56,12 +56,8 @@ class Caution:
 
 def finest_step(signal: np.ndarray) -> float:
     """Least difference between two values of a signal; 0 for a constant one."""
-    values = np.unique(signal)
-    if len(values) < 2:
-        return 0.0
-    steps = np.diff(values)
-    span = float(values[-1] - values[0])
-    real = steps[steps > 1e-9 * span]
+    steps = np.diff(np.unique(signal))
+    real = steps[steps > 1e-9 * float(np.ptp(signal))]
     return float(real.min()) if len(real) else 0.0
 
 
@@ -242,11 +238,8 @@ def cautions(
     check: Check, records: Iterable[TimeRecord], prototype: Prototype, most: int | None = None
 ) -> list[Caution]:
     """What a check finds of every record, no more than so many of each; by its name whether the record is left out."""
-    return [
-        Caution(name, record.name, text, name not in _LEFT_IN, name not in _HARMLESS)
-        for record in records
-        for name, text in islice(check(record, prototype), most)
-    ]
+    found = ((record.name, *each) for record in records for each in islice(check(record, prototype), most))
+    return [Caution(name, of, text, name not in _LEFT_IN, name not in _HARMLESS) for of, name, text in found]
 
 
 def where_it_counts(record: TimeRecord) -> TimeRecord:
@@ -336,16 +329,15 @@ def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
 
     # A rig may stand still where it is commanded to move, but it cannot help bending under a force.
     force, size = record.inputs[:, 0], rms(moved)
-    if loop.stable and rms(force) >= size * of["outer_stiffness"]:
-        bent = rms(loop.driven(record.inputs, record.step)[:, 1, 0])
+    pushed = loop.stable and rms(force) >= size * of["outer_stiffness"]
+    if pushed and (bent := rms(loop.driven(record.inputs, record.step)[:, 1, 0])) >= _STIFFER * size:
         at = int(np.argmax(np.abs(force)))
         text = (
             f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {size:.2g} m: check "
             "the units of both, and zero and outliers of the force "
             f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
         )
-        if bent >= _STIFFER * size:
-            yield "force", text
+        yield "force", text
 
     band = f"between {low:g} and {high:g} Hz"
     if not np.any(np.ptp(record.inputs, axis=0) > 0):

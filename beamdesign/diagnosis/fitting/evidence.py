@@ -103,8 +103,7 @@ class RecordEvidence(Evidence):
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
-        found = self.job.simulated_with_slopes(placement, z, self.weight.channels)
-        if found is None:
+        if (found := self.job.simulated_with_slopes(placement, z, self.weight.channels)) is None:
             return None
         predicted, slopes = found
         return self.misfit(predicted), -self.weight(slopes)
@@ -207,8 +206,7 @@ class InjectedRecord(RecordEvidence):
         """
         if not law_of_play(placement.assembly.kinds.effects):
             return super().linearised(_injected(placement), z)
-        here = self.residual(placement, z)
-        if here is None:
+        if (here := self.residual(placement, z)) is None:
             return None
         slopes = np.zeros((len(here), len(z)))
         for k, unknown in enumerate(placement.unknowns):

@@ -171,8 +171,7 @@ def fit(
     """
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
     z = np.clip(start, low, high)
-    shares = _shares(evidence, placement, z)
-    if shares is None:
+    if (shares := _shares(evidence, placement, z)) is None:
         return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable where the fit begins")
     cost, damping = _cost(shares, z), 1e-3
     for _ in range(iterations):
@@ -240,8 +239,7 @@ def linearised(
 
 
 def _shares(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray) -> list[Share] | None:
-    rows = linearised(evidence, placement, z)
-    if rows is None:
+    if (rows := linearised(evidence, placement, z)) is None:
         return None
     return [Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)) for piece, (r, j) in zip(evidence, rows, strict=True)]
 
@@ -330,12 +328,8 @@ class FitCache:
             OSError: where it cannot be written.
         """
         path, file = self._path(job), BytesIO()
-        arrays = {
-            "reason": np.array(found.reason),
-            "z": np.asarray(found.z),
-            "cost": np.asarray(found.cost),
-            **{name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")},
-        }
+        shares = {name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")}
+        arrays = {"reason": np.array(found.reason), "z": np.asarray(found.z), "cost": np.asarray(found.cost)} | shares
         np.savez(file, seal=np.array(_seal(path.name, arrays)), **arrays)  # type: ignore[arg-type]
         write_whole(path, file.getvalue())
 

@@ -72,9 +72,8 @@ def onset(model: LinearModel, z: np.ndarray, raised_from: float = 0.0) -> Onset 
 def onset_slopes(model: LinearModel, z: np.ndarray, at: Onset) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (K,) of ln gain and of ln frequency by z, by the implicit function theorem at the axis."""
     weight = model.weight
-    pole = np.array(
-        [at.left @ _scaled(slope.a, weight) @ at.right for slope in model.slopes(z, at.point, at.gain)], dtype=complex
-    ) / (at.left @ at.right)
+    moved = [at.left @ _scaled(slope.a, weight) @ at.right for slope in model.slopes(z, at.point, at.gain)]
+    pole = np.array(moved, dtype=complex) / (at.left @ at.right)
     by_gain = at.by_gain
     gain = -pole.real / by_gain.real
     frequency = (pole + by_gain * gain).imag
@@ -220,8 +219,7 @@ class GainEvidence(LinearEvidence):
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
-        at = self.predicted(placement, z)
-        if at is None:
+        if (at := self.predicted(placement, z)) is None:
             return None
         gain, frequency = onset_slopes(self.model(placement), z, at)
         rows = np.array([-gain, -frequency][: len(self.units)])

@@ -20,8 +20,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, cause, together
-from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
-from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
+from beamdesign.diagnosis.fitting.replay import SweptSine, bearing, depends_on_size, law_of_play
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of
 from beamdesign.plant.equilibrium import StateSpace, equilibrium, equilibrium_sensitivity, linearise, scales

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from itertools import product
 
 import numpy as np
 
@@ -244,14 +245,11 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     near = [f for f in best_two if f.cost < _ABOUT * best_two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
     if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
         return list(state.fits)
-    tasks = {
-        pair.hypothesis | one.hypothesis: Task(
-            pair.hypothesis | one.hypothesis, pair.values, _beside(pair, one, best_two), hardest(pair), quick=True
-        )
-        for pair in reversed(near)
-        for one in alone.values()
-        if one.hypothesis.effects and not {*one.hypothesis.causes} & {*pair.hypothesis.causes}
-    }
+    tasks = dict[Hypothesis, Task]()
+    for pair, one in product(reversed(near), alone.values()):
+        if one.hypothesis.effects and not {*one.hypothesis.causes} & {*pair.hypothesis.causes}:
+            triple, beside = pair.hypothesis | one.hypothesis, _beside(pair, one, best_two)
+            tasks[triple] = Task(triple, pair.values, beside, hardest(pair), quick=True)
     looks = fitters(tasks.values(), lambda k: progress(0.85 + 0.1 * k / len(tasks), "three causes at once"))
     ranked = [f for f in _sorted(looks) if not f.reason][:_BEST_TRIPLES]
     final = fitters(Task(f.hypothesis, tasks[f.hypothesis].known, f.values) for f in ranked)

@@ -141,8 +141,7 @@ def fit_from_starts(
 ) -> Fit:
     """The best of fits from the most promising `starts`."""
     placement = hypothesis.placement(prototype)
-    begun = starts(placement, known, evidence, peaks, most, hints, sifted)
-    if not begun:
+    if not (begun := starts(placement, known, evidence, peaks, most, hints, sifted)):
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(hypothesis, placement.unknowns, reason=reason)
     return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
@@ -214,17 +213,15 @@ def resonances(
     explained = [one for one in effects if all(u.name in known for u in one.unknowns(prototype))]
     placement = reduce(Hypothesis.__or__, explained, NOTHING).placement(prototype)
     z = np.array([_at(u, known) for u in placement.unknowns])
-    frequencies, power = [], []
+    edges, powers = np.geomspace(*widened(prototype, _LEAST_HZ, _MOST_HZ), _BANDS + 1), []
     for piece in evidence:
         if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
             lines = residual.reshape(2, -1, len(piece.weight.channels))
-            frequencies.append(piece.weight.frequencies_Hz)
-            power.append(np.sum(lines**2, axis=(0, 2)))
-    if not power:
+            power = np.sum(lines**2, axis=(0, 2))
+            powers.append(np.histogram(piece.weight.frequencies_Hz, edges, weights=power)[0])
+    if not powers:
         return ()
-    edges = np.geomspace(*widened(prototype, _LEAST_HZ, _MOST_HZ), _BANDS + 1)
-    total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
-    middle = np.sqrt(edges[1:] * edges[:-1])
+    total, middle = sum(powers), np.sqrt(edges[1:] * edges[:-1])
     found: list[float] = []
     for k in np.argsort(-total):
         if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
@@ -241,8 +238,7 @@ def _resonant(
     unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], peaks: Sequence[float]
 ) -> list[np.ndarray]:
     """Every peak with every strength, and with figures from 0 to 1 at either end."""
-    at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
-    if not at:
+    if not (at := [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]):
         return []
     strength, *others = (k for k in new if k not in at)
     switches = [k for k in (strength, *others) if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, product
 from math import hypot
 
 import numpy as np
@@ -57,13 +57,9 @@ def candidates(known: Hypothesis | None = None) -> tuple[Hypothesis, ...]:
     known = known or together()
     held = {*moved(known), *known.causes}
     frictions = [(), *((law,) for law in FRICTIONS), (f"{FRICTION} (coulomb)", LOAD)]
-    found = (
-        together(*some, *friction)
-        for count in range(len(_OTHERS) + 1)
-        for some in combinations(_OTHERS, count)
-        for friction in frictions
-        if ORIFICES in some or not {*_OF_ORIFICES} & {*some}
-    )
+    some = (one for count in range(len(_OTHERS) + 1) for one in combinations(_OTHERS, count))
+    seen = (one for one in some if ORIFICES in one or not {*_OF_ORIFICES} & {*one})
+    found = (together(*one, *friction) for one, friction in product(seen, frictions))
     return (*(each for each in found if held <= {*moved(each), *each.causes}), known | together(FLOW_GAIN))
 
 
@@ -121,11 +117,8 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
     orifices = ORIFICES in hypothesis.names
     new = orifices and ORIFICES not in prototype.effects
     vouched = _WIDE if FLOW_GAIN in hypothesis.names else hypot(tolerance.flow_gain, _DROP_STD if new else 0.0)
-    spreads = {
-        "flow_gain": vouched,
-        "piston_area": tolerance.piston_area,
-        f"{ORIFICES}.supply_pressure_Pa" if orifices else "supply_pressure": tolerance.supply_pressure,
-    }
+    fed = f"{ORIFICES}.supply_pressure_Pa" if orifices else "supply_pressure"
+    spreads = {"flow_gain": vouched, "piston_area": tolerance.piston_area, fed: tolerance.supply_pressure}
     priors = {  # value without the cause, standard deviation, bounds
         "tank_pressure": (at["tank_pressure"], _TANK_STD * supply, 0.0, supply / 2),
         "piston_leakage": (0.0, lost, 0.0, 5 * lost),
@@ -378,9 +371,5 @@ def correlated(fit: Fit) -> list[str]:
     deviation = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(deviation, deviation)
     names = list(fit.values)
-    return [
-        f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})"
-        for i in range(len(names))
-        for j in range(i)
-        if abs(correlation[i, j]) > _CLOSE
-    ]
+    close = ((i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > _CLOSE)
+    return [f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})" for i, j in close]

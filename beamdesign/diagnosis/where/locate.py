@@ -6,7 +6,7 @@ which direction it shows.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import isnan
 
 import casadi as ca
@@ -93,8 +93,7 @@ def kind_of_effect(name: str) -> str:
     slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))
     if ca.depends_on(ca.vertcat(rate, y), t):
         return "drifting"
-    bent = any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True))
-    return "static" if bent else "linear"
+    return "static" if any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True)) else "linear"
 
 
 _ALIKE = 0.05  # shares
@@ -152,9 +151,8 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     does to them, the latter hold some of what is to be explained. The share is the mean of both; where two are alike,
     the former decides.
     """
-    plain, smooth = (
-        {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
-    )
+    by_signals = (explanations(regression(found, null, corrected)) for corrected in (False, True))
+    plain, smooth = ({e.subsystem: e for e in laws} for laws in by_signals)
     both = [(plain[name], smooth[name]) for name in plain]
     merged = [replace(max(two, key=lambda e: e.share), share=sum(max(e.share, 0.0) for e in two) / 2) for two in both]
     most = max(e.share for e in merged)
@@ -257,11 +255,8 @@ def setting(found: Sequence[Residual]) -> Where:
         asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))
         slow.append(_slow(drive, shaped, record.step))
     names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(edges))
-    table: dict[str, tuple[object, ...]] = {
-        "record": tuple(item.evidence.name for item in found),
-        "condition": tuple(words_of(item) for item in found),
-        "relative_error": tuple(relative),
-    }
+    taken, told = tuple(item.evidence.name for item in found), tuple(map(words_of, found))
+    table: dict[str, tuple[object, ...]] = {"record": taken, "condition": told, "relative_error": tuple(relative)}
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
     sizes = ((distortions, np.nan), (asymmetries, 0.0), (slow, 0.0))
     distortion, asymmetry, slowness = (float(np.median(some)) if some else none for some, none in sizes)
@@ -325,13 +320,8 @@ def _narrowest(totals: np.ndarray, edges: np.ndarray) -> tuple[float, float]:
     whole = float(totals.sum())
     if whole <= 0:
         return float(edges[0]), float(edges[-1])
-    spans = [
-        (np.log2(edges[j] / edges[i]), i, j)
-        for i in range(len(totals))
-        for j in range(i + 1, len(totals) + 1)
-        if totals[i:j].sum() >= _MOST * whole
-    ]
-    _, i, j = min(spans)
+    enough = ((i, j) for i, j in combinations(range(len(edges)), 2) if totals[i:j].sum() >= _MOST * whole)
+    _, i, j = min((np.log2(edges[j] / edges[i]), i, j) for i, j in enough)
     return float(edges[i]), float(edges[j])
 
 

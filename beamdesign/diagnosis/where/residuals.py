@@ -252,8 +252,7 @@ def residuals(null: Fit, evidence: Sequence[object]) -> tuple[Residual, ...]:
             continue
         heed()
         placement = NOTHING.placement(piece.job.prototype)
-        made = piece.job.simulated_with_slopes(placement, null.z, piece.weight.channels)
-        if made is None:
+        if (made := piece.job.simulated_with_slopes(placement, null.z, piece.weight.channels)) is None:
             continue
         predicted, slopes = made
         channels = tuple("inner_m" if c == "inner_displacement_m" else c for c in piece.weight.channels)

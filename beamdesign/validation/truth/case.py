@@ -200,9 +200,8 @@ def run_figures(case: Case, run: Run) -> Shape:
 
 def step_of(figures: Shape) -> float:
     """Half the usual step where a joint hammers or a seal turns over within some micrometres."""
-    stiff_seal = figures.get("bristle_stiffness", 0.0) > 0 and (
-        figures["breakaway"] / figures["bristle_stiffness"] < 12e-6
-    )
+    bristles = figures.get("bristle_stiffness", 0.0)
+    stiff_seal = bristles > 0 and figures["breakaway"] / bristles < 12e-6
     return STEP_S / 2 if figures.get("joint_on", 0.0) > 0 or stiff_seal else STEP_S
 
 
@@ -374,9 +373,7 @@ def answer(case: Case) -> dict[str, Any]:
     """
     floor = case.gaps["floor"]
     return {
-        "seed": case.seed,
-        "kind": case.kind,
-        "rig": case.rig,
+        **picked(case, "seed kind rig"),
         "noise": picked(case.noise, "coloured break_Hz outliers"),
         "effects": list(case.names),
         "subsystem": case.departures[0].subsystem if case.departures else "",

@@ -145,8 +145,7 @@ def draw_case(
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
             continue
-        found = _with_effects(case, names, rng, notes)
-        if found is not None:
+        if (found := _with_effects(case, names, rng, notes)) is not None:
             return replace(found, notes=tuple(notes))
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(dict.fromkeys(notes))}")
 
@@ -302,8 +301,7 @@ def _with_effects(case: Case, names: tuple[str, ...], rng: np.random.Generator, 
     found: list[Departure] = []
     for name in names:
         aim = float(np.exp(rng.uniform(np.log(GAPS[0]), np.log(GAPS[1]))))
-        departure = _sized(case, name, probe, aim, rng)
-        if departure is None:
+        if (departure := _sized(case, name, probe, aim, rng)) is None:
             notes.append(f"{name}: too weak or not stable at any severity on this rig")
             return None
         found.append(departure)

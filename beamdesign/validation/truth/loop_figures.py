@@ -124,9 +124,8 @@ def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generato
         errors = np.exp(complex(*rng.normal(0, RESPONSE_STD, 2)))
         if settled is not None:
             times, wave = settled
-            response = (
-                _turning(times, wave + rng.normal(0, case.noise.floor_m, len(wave)), hertz) / amplitude_N * errors
-            )
+            seen = wave + rng.normal(0, case.noise.floor_m, len(wave))
+            response = _turning(times, seen, hertz) / amplitude_N * errors
             rows.append((hertz, abs(response), np.degrees(np.angle(response))))
     return np.reshape(rows, (-1, 3))
 

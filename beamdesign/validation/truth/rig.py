@@ -300,10 +300,8 @@ def march(
     state = np.zeros(STATES) if start is None else np.asarray(start, dtype=float)
     given = np.zeros(steps + 1, dtype=np.bool_) if lost is None else lost
     ends = np.ascontiguousarray(modes if len(modes) > AT_TIP else at_end(modes))
-    out, bounded = _march(
-        figures, ends, np.ascontiguousarray(inputs), given, step_s, round(SAMPLE_S / step_s),
-        state,
-    )  # fmt: skip
+    stride = round(SAMPLE_S / step_s)
+    out, bounded = _march(figures, ends, np.ascontiguousarray(inputs), given, step_s, stride, state)
     volts_per_m = figures["believed_sensor_gain"][0]
     times = np.arange(out.shape[0]) * SAMPLE_S
     current, fed_back, pressure, inner, outer, force = out.T
