@@ -17,6 +17,7 @@ from beamdesign.build.ratings import SensorNeed
 from beamdesign.build.result_folder import FILES, report_html
 from beamdesign.build.specification import specification_of
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.proofs import tolerance_box
 from beamdesign.proofs.box import BoxVerdict
@@ -140,6 +141,21 @@ def test_stable_ranges_of_a_sweep_are_rounded_inwards() -> None:
     crossings = found.outputs["crossings_kg"]
     assert crossings[0] <= low < crossings[0] + 1e-6
     assert crossings[1] - 1e-5 < high <= crossings[1]
+
+
+def test_a_sweep_says_no_where_a_value_between_the_ends_of_what_is_frozen_is_refuted() -> None:
+    """As the command does of this inner beam that a cable holds, in `test_family_certificate`."""
+    rig = TAME.but(
+        controller=Lag(gain_A_per_V=0.028, pole_Hz=1.52, zero_Hz=50.7),
+        payload=TAME.payload.but(inner_end_mass_kg=4.02, outer_end_mass_kg=(2.07, 2.07)),
+        effects={"empirical_inner_reaction_loop": {"size_N": 10480.0}},
+    )
+    found = answers.certify(rig, CertifyOptions())
+    assert (found.outputs["stable"], found.outputs["stable_between"]) == (True, False)
+    assert "between the ends" in found.reason
+    easy = answers.certify(rig.but(effects={"empirical_inner_reaction_loop": {"size_N": 1.0}}), CertifyOptions())
+    assert (easy.outputs["stable_between"], easy.reason) == (True, "")
+    assert "stable_between" not in answers.certify(rig.but(effects={}), CertifyOptions()).outputs
 
 
 def test_a_member_that_is_not_stable_is_printed_as_it_is(tmp_path: Path) -> None:

@@ -117,11 +117,24 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     for stage, law in zip(found.stages, found.each, strict=True):
         assert law.best is not None
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
-        answers[stage.prototype.name] = Answer(law.best.columns(), details)
+        answers[stage.prototype.name] = _between(stage.prototype, stage.outer_end_mass_kg, law.best.columns(), details)
     answer = of_all(answers)
     if found.switching is None or found.yes:
         return answer
     return replace(answer, reason=f"changes between its laws are not proved: {found.switching.reason}")
+
+
+def _between(
+    prototype: Prototype, masses_kg: tuple[float, float], outputs: dict[str, Any], details: dict[str, Any]
+) -> Answer:
+    """What a loop answers that is stable at the ends of what effects freeze: a no unless it is between them too."""
+    from beamdesign.proofs.tolerance_box import between, in_words
+
+    if not prototype.effects:
+        return Answer(outputs, details)
+    verdict = between(prototype, *masses_kg)
+    known = {"stable_between": verdict and verdict.stable}
+    return Answer(outputs | known, details, "" if verdict is None or verdict.stable else in_words(verdict))
 
 
 def _effort(found: "Tuning") -> dict[str, Any]:
@@ -129,7 +142,7 @@ def _effort(found: "Tuning") -> dict[str, Any]:
 
 
 def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
-    """What is proved of one prototype over its own payload range."""
+    """What is proved of one prototype over its own payload range, between the values that its effects freeze too."""
     from beamdesign.proofs.certificate import Asked, describe
     from beamdesign.proofs.certifying import certify as prove
 
@@ -155,7 +168,10 @@ def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
         for claim in found.claims
     ]
     details = {"method": found.method, "scope": list(found.scope), "claims": claims}
-    return Answer(outputs, details, found.reason)
+    if not found.stable:
+        return Answer(outputs, details, found.reason)
+    answer = _between(prototype, found.outer_end_mass_kg, outputs, details)
+    return replace(answer, reason=found.reason or answer.reason)
 
 
 def _guaranteed(found: "Certificate", no_bandwidth: float | None) -> dict[str, Any]:
