@@ -97,8 +97,8 @@ def _figures(fields: Mapping[str, Any], inside: str = "") -> Iterator[tuple[str,
 
 
 def shown(cell: Any) -> str:
-    """A cell of a table as text: floats with four significant digits."""
-    return f"{cell:.4g}" if isinstance(cell, float) and isfinite(cell) else str(cell)
+    """A cell of a table as text: floats with the seven significant digits that guaranteed figures have."""
+    return f"{cell:.7g}" if isinstance(cell, float) and isfinite(cell) else str(cell)
 
 
 def picked(found: Any, names: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import copy
 import json
 import pickle
+import re
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -25,20 +26,29 @@ class Weighed(Result):
 
 
 def test_a_yes_is_short_and_a_no_tells_why():
-    found = Weighed(2.0, {"tube_kg": 1.23456, "rest_kg": float("inf")})
+    found = Weighed(2.0, {"tube_kg": 1.23456789, "rest_kg": float("inf")})
     assert (found.yes, found.status) == (True, "yes")
-    assert repr(found) == "<Weighed: yes; mass_kg=2, parts.tube_kg=1.235>"
+    assert repr(found) == "<Weighed: yes; mass_kg=2, parts.tube_kg=1.234568>"
     refused = Weighed(2.0, {}, "too <heavy>")
     assert not refused.yes
     assert "too <heavy>" in repr(refused)
     assert "too &lt;heavy&gt;" in refused._repr_html_()
 
 
+def test_a_guaranteed_bandwidth_is_shown_as_it_is_proved():
+    """To four digits it read 3.491 Hz, more than is proved."""
+    found = beamdesign.certify(beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml"))
+    assert found.guaranteed is not None
+    for text in (repr(found), found._repr_html_()):
+        (hertz,) = re.findall(r"guaranteed\.bandwidth_Hz(?:=|</td><td>)([\d.]+)", text)
+        assert float(hertz) == found.guaranteed.bandwidth_Hz
+
+
 def test_rows_and_page_and_file_hold_the_same_figures():
     found = Weighed(2.0, {"tube_kg": 1.23456, "rest_kg": float("inf")})
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["parts"] == {"tube_kg": 1.23456, "rest_kg": None}
     assert found.rows() == [("mass_kg", 2.0), ("parts.tube_kg", 1.23456)]
-    assert "<td>parts.tube_kg</td><td>1.235</td>" in found._repr_html_()
+    assert "<td>parts.tube_kg</td><td>1.23456</td>" in found._repr_html_()
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,7 +61,7 @@ class Found(Result):
 
 
 def test_what_was_found_stands_before_its_rig_and_no_name_is_a_figure_of_ten_digits():
-    assert repr(Found({"mass_kg": 3.0}, 4.0)) == "<Found: yes; bandwidth_Hz=4, prototype.mass_kg=3, 0.9779=2>"
+    assert repr(Found({"mass_kg": 3.0}, 4.0)) == "<Found: yes; bandwidth_Hz=4, prototype.mass_kg=3, 0.9779328=2>"
 
 
 def test_equal_figures_have_one_hash_and_figures_that_are_not_finite_differ():
