@@ -320,7 +320,7 @@ def test_claims_are_decided_by_the_bounds():
 
 def test_a_result_shows_itself():
     proved = prove(LOOPS["servo"])
-    assert repr(proved).startswith("<ProvedLoop: yes; gain_increase=3, gain_decrease=0, phase_margin_deg=25.39")
+    assert repr(proved).startswith("<ProvedLoop: yes; gain_increase=3, gain_decrease=0, phase_margin_deg=25.38982")
     assert json.loads(json.dumps(proved.to_dict(), allow_nan=False))["gain_increase"] == [3.0, 3.0]
     assert {name: words for name, _, words, _ in proved.rows()} == SAFE
     assert beamdesign.prove is prove
