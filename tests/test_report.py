@@ -248,6 +248,7 @@ def test_the_line_that_is_proved_says_of_which_rigs_and_of_which_curves(of_its_l
     """With the servo off the rig is softer than the line promises, and is drawn beside it."""
     (caption,) = (one.caption for one in of_its_loop if one.name == "compliance")
     assert "proved for exactly these figures: with the servo on and every mass of 0 to 6.8 kg no curve" in caption
+    assert "of the law and the figures that stand in certificate.toml." in caption  # whatever was edited since
 
 
 def test_root_locus_passes_the_axis_at_the_critical_gain_that_the_loop_states(

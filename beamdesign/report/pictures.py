@@ -98,7 +98,8 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     if promised is not None and guarantee:
         caption += (
             f" The thick line is proved for {rigs_in_words(guarantee.sigmas)}: with the servo on and every mass of"
-            f" {span} no curve passes above it, up to {stated_bandwidth(promised)}."
+            f" {span} no curve passes above it, up to {stated_bandwidth(promised)}; of the law and the figures that"
+            f" stand in {guarantee.certificate}."
         )
     if len(ends) > 1:
         caption += f" Shaded: between the least and the largest at {FAMILY} masses of the range, drawn and not proved."
