@@ -158,6 +158,21 @@ def test_a_sweep_says_no_where_a_value_between_the_ends_of_what_is_frozen_is_ref
     assert "stable_between" not in answers.certify(rig.but(effects={}), CertifyOptions()).outputs
 
 
+def test_a_box_whose_joint_has_play_is_no_yes(tmp_path: Path) -> None:
+    """As `certify` says of the stated figures: within the play of a joint nothing is proved."""
+    write_prototype(with_effects("joint_backlash"), tmp_path / "p.toml")
+    asked = ["certify-box", str(tmp_path / "p.toml"), "--sigmas", "0.1", "--only", "flow_gain"]
+    asked += ["--outer-end-mass", "0:0.1", "--out", str(tmp_path / "b.toml"), "--json", str(tmp_path / "b.json")]
+    said = []
+    for more in ([], ["--linear"]):
+        done = CliRunner().invoke(app, [*asked, *more])
+        fields = json.loads((tmp_path / "b.json").read_text())
+        said.append((done.exit_code, fields["stable"], fields["reason"], "--linear asks" in done.output))
+    words = said[0][2]
+    assert said == [(1, True, words, True), (0, True, "", False)]
+    assert words.startswith("not proved of small motion: stability (joint_backlash")
+
+
 def test_a_member_that_is_not_stable_is_printed_as_it_is(tmp_path: Path) -> None:
     """To four digits it lay outside the box that is printed beside it."""
     path = STUDIES / "prototypes" / "paper_remedy.toml"

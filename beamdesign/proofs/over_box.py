@@ -19,7 +19,7 @@ from beamdesign.proofs.certificate import Row, over_passive
 from beamdesign.proofs.changing_gain import changing_over_box
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import FACTOR
-from beamdesign.proofs.scope import holds_for, members, near_rest
+from beamdesign.proofs.scope import holds_for, members, near_rest, uncovered
 from beamdesign.proofs.statement import Interval
 from beamdesign.proofs.tolerance_box import (
     Scaling,
@@ -74,14 +74,24 @@ class BoxGuarantee(Result):
         return self.verdict.stable
 
     @property
-    def yes(self) -> bool:
-        """Whether stability is proved, and all that was asked of what is not linear."""
+    def proved(self) -> bool:
+        """Whether linear members are proved stable, and all that was asked of what is not linear."""
         return self.stable is True and all(row.proved for row in self.nonlinear or ())
+
+    @cached_property
+    def small_motion(self) -> str:
+        """What is proved of linear members and not of small motion about rest, in words; empty where all is."""
+        return uncovered(self.prototype, self.nonlinear or (), ())
+
+    @property
+    def yes(self) -> bool:
+        """Whether all of it is proved, of small motion about rest too."""
+        return self.proved and not self.small_motion
 
     @property
     def reason(self) -> str:
         """Why stability is not proved; empty where it is."""
-        return self.verdict.reason
+        return self.verdict.reason or (self.small_motion if self.stable else "")
 
     @cached_property
     def text(self) -> str:
@@ -109,7 +119,7 @@ class BoxGuarantee(Result):
         verdict, scaling = self.verdict, self.scaling
         shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]
         return finite({
-            **picked(verdict, "stable reason pieces looked_at"),
+            **picked(self, "stable reason pieces=verdict.pieces looked_at=verdict.looked_at"),
             "box": in_units(self.box.ranges),
             **dict(zip(("stable_fraction", "unstable_fraction", "undecided_fraction"), shares, strict=True)),
             "unstable_point": point(verdict.unstable_point),
