@@ -385,6 +385,20 @@ def test_states_of_any_size_start_and_stand_still(rig: Prototype) -> None:
     assert np.ptp(one[:, 4]) < 1e-9 * np.abs(one[:, 4]).max()
 
 
+@pytest.mark.parametrize("effects", [{}, {"pressure_dependent_flow": {"supply_pressure_Pa": 15e6}}])
+def test_a_rig_whose_sides_are_unequal_rests_at_the_zero_of_every_sensor(rig: Prototype, effects: dict) -> None:
+    """Its pressures do not: p_a A_a = p_b A_b with p_a + p_b = p_S is p_b - p_a = (A_a - A_b) / (A_a + A_b) p_S.
+
+    A law that heard that difference would hold the tip aside for good.
+    """
+    uneven = rig.but(effects={"unequal_piston_areas": {"asymmetry": 0.121}, **effects})
+    row = ScenarioRecord(name="idle", outer_end_mass_kg=1.0)
+    plan = Scenario(name="s", duration_s=0.05, record=(row,))
+    record = simulate(uneven, plan).records[0]
+    for name, size in (("displacement_m", 1e-6), ("current_A", 1e-6), ("load_pressure_Pa", 1e2)):
+        assert np.abs(record.column(name)).max() < 1e-6 * size
+
+
 def test_limits_of_the_actuator_see_every_sensor(rig: Prototype) -> None:
     """Impedances solved by hand against the polynomials."""
     outer = with_mass(single_compliance(rig, "outer_beam"), 2.0)

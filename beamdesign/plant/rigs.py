@@ -10,7 +10,7 @@ import casadi as ca
 
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
-from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
+from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, FEED, VALVE, port_leakage
 from beamdesign.plant.component import CONTROLLER, SENSOR, SIGN, Component, PortLaw, Rig, Signals, either, low_pass_rate
 from beamdesign.structure.arm import LEVER_FIGURES
 
@@ -268,13 +268,15 @@ RIGS["actuator_bench"] = BENCH = Rig(
             current_A=lambda port, figure, state: port["demanded_A"],
         ),
         AREAS,
-        VALVE.but(
+        FEED.but(
             supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],
             tank_pressure_Pa=lambda port, figure, state: figure["tank_pressure"] + state["back_Pa"],
+            null_adjusted=lambda port, figure, state: 0.0,
+        ),
+        VALVE.but(
             opening_b_m3_per_s=lambda port, figure, state: (
                 port["metered_m3_per_s"] * ca.if_else(port["metered_m3_per_s"] < 0, figure["edge_b"], 1.0)
             ),
-            null_adjusted=lambda port, figure, state: 0.0,
             **either("orifice_{}_m3_per_s", _linear_port),
             **either("leakage_{}_m3_per_s", _leakage),
         ),

@@ -67,6 +67,16 @@ def _pressure_force(port: Signals, figure: Signals, state: Signals) -> Any:
     return port["area_a_m2"] * state["pressure_a_Pa"] - port["area_b_m2"] * state["pressure_b_Pa"]
 
 
+def _load_pressure(port: Signals, figure: Signals, state: Signals) -> Any:
+    """Difference of both pressures, Pa; whoever adjusts the null so that the rig rests takes the sensors' zero there.
+
+    With unequal sides that is where they balance at half the supply, p_a A_a = p_b A_b with p_a + p_b = p_S.
+    """
+    uneven = (port["area_a_m2"] - port["area_b_m2"]) / (port["area_a_m2"] + port["area_b_m2"])
+    zero = port["null_adjusted"] * port["supply_pressure_Pa"] * uneven
+    return state["pressure_a_Pa"] - state["pressure_b_Pa"] + zero
+
+
 def _metered(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
     return port["metered_m3_per_s"]
 
@@ -77,15 +87,19 @@ AREAS = Component(either("area_{}_m2", lambda side, port, figure, state: figure[
 VOLUMES = Component(either("volume_ratio_{}", lambda side, port, figure, state: 1.0))
 """Volume of either chamber over that at mid-stroke, which the linear rig has at every stroke."""
 
+FEED = Component.of(
+    supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"],
+    tank_pressure_Pa=lambda port, figure, state: 0.0,
+    # 1 where somebody has adjusted the null so that the rig rests without load
+    null_adjusted=lambda port, figure, state: 1.0,
+)
+"""What the valve is fed from, and whether it is balanced there."""
+
 VALVE = Component.of(
     _spool,
     spool_A=lambda port, figure, state: port["current_A"],
     # what the opening would pass with half the supply pressure across each edge
     metered_m3_per_s=lambda port, figure, state: state["flow_m3_per_s"],
-    supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"],
-    tank_pressure_Pa=lambda port, figure, state: 0.0,
-    # 1 where somebody has adjusted the null so that the rig rests without load
-    null_adjusted=lambda port, figure, state: 1.0,
     # the same for the edges that are then open at either port
     **either("opening_{}_m3_per_s", _metered),
     # what a valve lets through either port that heeds no pressure
@@ -161,9 +175,9 @@ class ServoCylinder(Actuator):
         ),
     )  # fmt: skip
     tables = ("servovalve", "supply")
-    components = (AREAS, VALVE, VOLUMES, CYLINDER)
+    felt_by, components = (AREAS, FEED), (VALVE, VOLUMES, CYLINDER)
     states = ("pressure_a_Pa", "pressure_b_Pa", "flow_m3_per_s", "flow_m3_per_s2")
-    feels = "load_pressure_Pa", lambda port, figure, state: state["pressure_a_Pa"] - state["pressure_b_Pa"]
+    feels = "load_pressure_Pa", _load_pressure
     linear_states = ("cylinder_m", "flow_m3_per_s", "flow_rate_m3_per_s2")
     unseen = MEAN
     ratings = (
