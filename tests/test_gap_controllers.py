@@ -32,6 +32,7 @@ from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.nominal import CHANNELS, commanded_current, controller_fit, nominal_loop
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment_menu import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -94,6 +95,19 @@ def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(
     assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
     assert found.prototype.controller == law
     assert found.gap.after < 0.2 * found.gap.before
+
+
+def test_a_load_pressure_whose_zero_is_not_that_of_rest_is_named() -> None:
+    """As of two absolute gauges at unequal sides; where a law does not hear it the record counts, but not its zero."""
+    data = taken(believed(), LAG)
+    assert not any(caution.name == "sensor_zero" for caution in examine(data).warnings)
+    off = [r.measured | {"load_pressure_Pa": r.measured["load_pressure_Pa"] + 7.3e5} for r in data.records]
+    shifted = replace(data, records=tuple(replace(r, measured=m) for r, m in zip(data.records, off, strict=True)))
+    named = [caution for caution in examine(shifted).warnings if caution.name == "sensor_zero"]
+    assert [caution.record for caution in named] == [record.name for record in data.records]
+    assert not any(caution.left_out or caution.limits_confidence for caution in named)
+    assert float(named[0].text.split()[3]) == pytest.approx(7.3e5, rel=0.02)
+    assert "subtract what its sensor shows there" in named[0].text
 
 
 def test_figures_that_predict_worse_what_they_have_not_seen_are_not_written(

@@ -214,8 +214,8 @@ def holes(signal: np.ndarray) -> int:
 Finding = tuple[str, str]
 """Name of a caution, and its words."""
 Check = Callable[[TimeRecord, Prototype], Iterator[Finding]]
-_LEFT_IN = ("stuck", "not_at_rest", "unfelt_force")
-_HARMLESS = ("short", "no_content")  # to the confidence in the other records
+_LEFT_IN = ("stuck", "not_at_rest", "sensor_zero", "unfelt_force")
+_HARMLESS = ("short", "no_content", "sensor_zero")  # to the confidence in the other records
 
 LOW_HZ, HIGH_HZ = 0.5, 300.0
 """Band in which a record must say something, of a rig as quick as the published one."""
@@ -370,6 +370,11 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     if count * record.step <= 4 * _SET_OFF_S and abs(gone) > max(most, 2 * abs(by_drive)):
         goes = f"displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
         yield "not_at_rest", f"does not start at rest: {goes}"
+    if (pressure := record.measured.get("load_pressure_Pa")) is not None:
+        first = float(np.mean(pressure[:3]))
+        if abs(first) > max(_RESTLESS * noise_std(pressure), _MOVED * float(np.std(pressure))):
+            text = f"load_pressure_Pa begins at {first:.3g} Pa, and counts from rest without load"
+            yield "sensor_zero", f"{text}: subtract what its sensor shows there"
 
 
 def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float, float]]) -> Iterator[Finding]:
