@@ -290,8 +290,9 @@ def specification_of(run: DesignRun) -> Specification:
 
 def _with_ratings(found: Specification) -> Specification:
     """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
-    each, stated = [law.certificate.guaranteed for law in found.laws], found.prototype.guarantee
-    reached = worst_of([one for one in each if one is not None])
+    each = [one for law in found.laws if (one := law.certificate.guaranteed) is not None]
+    assert len(each) == len(found.laws)  # a law that is not certifiable has been refused
+    reached, stated = worst_of(each), found.prototype.guarantee
     # Of a prototype that is promised for every rig within its tolerances the promise is rated, as `run` does.
     up_to_Hz = reached.bandwidth_Hz if stated is None else min(stated.bandwidth_Hz, reached.bandwidth_Hz)
     stock = stock_choices(found.prototype, found.masses_kg)
