@@ -21,7 +21,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, learnable
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import held_out
-from beamdesign.diagnosis.judgement import causes, judge, strained
+from beamdesign.diagnosis.judgement import causes, judge
 from beamdesign.diagnosis.learning import described, learn, within_reach
 from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.where.locate import kind_of_effect
@@ -306,7 +306,7 @@ def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_n
     assert judged.best is listed
     assert judged.unknown < 0.1
     assert before.excess(listed) < learning.EXPLAINED
-    assert strained(listed)
+    assert listed.strained
     monkeypatch.setattr(learning, "learnable", lambda prototype: [law, Hypothesis(("empirical_sensor_lag",))])
     found = learn(Look(data, before, judged), (1,))
     assert found is not None
@@ -314,7 +314,7 @@ def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_n
     assert best.hypothesis == law
     assert found.judged.unknown > 0.99
     assert sum(found.judged.of.values()) == pytest.approx(1.0)
-    assert not strained(best)
+    assert not best.strained
     for key, value in own.items():
         assert best.values[f"{law.names[0]}.{key}"] == pytest.approx(value, rel=0.2 if key == "damping_ratio" else 0.03)
     assert "second_beam_mode may stand for something else" in found.words[0]

@@ -19,7 +19,6 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, togethe
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, starts
 from beamdesign.diagnosis.judgement import (
-    THRESHOLDS,
     Judgement,
     cause_sets,
     causes,
@@ -28,8 +27,8 @@ from beamdesign.diagnosis.judgement import (
     flags,
     held_out_score,
     judge,
-    strained,
 )
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.diagnosis.verdict import (
     LEVEL,
     chance,
@@ -317,7 +316,7 @@ def test_strained_figures_leave_doubt():
     lag = made((LAG,), 1.1 * EXPECTED, sensor_gain=THRESHOLDS.strained + 1)
     search = found(made((), 20 * EXPECTED), lag)
     judged = judge(search)
-    assert strained(judged.best) == ("sensor_gain",)
+    assert judged.best.strained == ("sensor_gain",)
     assert verdict_of(judged) == "ambiguous"
     assert causes(search, judged)[0].flags == ("sensor_gain had to move by +5.0 tolerances",)
 
@@ -331,7 +330,7 @@ def test_figures_that_are_all_a_little_strained_leave_doubt(of_the_limit: float,
     each = of_the_limit * float(limit)
     judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED, **dict.fromkeys(figures, each))))
     assert judged.best.hypothesis.names == (LAG,)
-    assert strained(judged.best) == (tuple(figures) if of_the_limit > 1 else ())
+    assert judged.best.strained == (tuple(figures) if of_the_limit > 1 else ())
     assert verdict_of(judged) == verdict
     told = far_fetched(judged.best, believed())
     assert bool(told) is (of_the_limit > 1)

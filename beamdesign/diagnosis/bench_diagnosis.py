@@ -46,7 +46,6 @@ from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, Observations, a
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import (
     SUSPICIOUS,
-    THRESHOLDS,
     Judgement,
     cause_sets,
     causes,
@@ -54,6 +53,7 @@ from beamdesign.diagnosis.judgement import (
     parameters,
     share_of,
 )
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.diagnosis.verdict import sentences
 from beamdesign.plant.bench_simulation import BENCH_COLUMNS, BENCH_STATED, replay
 from beamdesign.plant.effects import library

@@ -27,8 +27,9 @@ from beamdesign.diagnosis.gain_findings import (
     notes_on_predictions,
 )
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
-from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
+from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.diagnosis.verdict import OUTSIDE, far_fetched, sentences, verdict_of
 from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Prototype

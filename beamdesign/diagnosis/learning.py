@@ -21,8 +21,9 @@ from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest
 from beamdesign.diagnosis.gap_metrics import errors
-from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, evidence, held_out_score, judge, odds, strained
+from beamdesign.diagnosis.judgement import Judgement, evidence, held_out_score, judge, odds
 from beamdesign.diagnosis.passing import Look
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.diagnosis.verdict import far_fetched
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
@@ -77,7 +78,7 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     # Never at the price of a listed cause: one that leaves about as little is no worse an explanation.
     most = min([enough * before.excess(rival), *(_ALIKE * before.excess(fit) for fit in before.fits[:1])])
     if explains:  # and so has the law to, by figures that a rig may have
-        most = EXPLAINED if not strained(weighed.best) else -inf
+        most = EXPLAINED if not weighed.best.strained else -inf
     if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
         return None
     scaled = without_idle_terms(scaled, weighed.best)

@@ -13,7 +13,8 @@ from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words,
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, unlike
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, strained
+from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, Judgement
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.prototype import Prototype
 
 _FURTHEST = 3  # figures that are told
@@ -72,7 +73,7 @@ def far_fetched(found: Fit, prototype: Prototype) -> str:
         prototype: that it was made to, as believed.
     """
     moved = found.moved
-    furthest = sorted(strained(found), key=lambda name: -abs(moved[name]))[:_FURTHEST]
+    furthest = sorted(found.strained, key=lambda name: -abs(moved[name]))[:_FURTHEST]
     off = (f"{in_words(name)} has to be {moved[name]:+.1f} tolerances off" for name in furthest)
     why = "; ".join((*unlike(found.hypothesis, found.values, prototype), *off))
     stands = f"{named(str(found.hypothesis))} may stand for something else that moves alike"
@@ -103,7 +104,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few
     if judged.unknown > 0.5 and not rare > LEVEL:
         return "unknown"
     named = judged.best.hypothesis.names
-    if doubtful or (named and strained(judged.best)):
+    if doubtful or (named and judged.best.strained):
         return "ambiguous" if named else "unknown"
     if not named:
         sure = not few or judged.of[judged.best.hypothesis] > 0.5

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.fitting.steady_evidence import FRICTIONS, held_out, moving
 from beamdesign.diagnosis.fitting.steady_motion import steady_motions
-from beamdesign.diagnosis.judgement import THRESHOLDS
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"

@@ -8,15 +8,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from io import BytesIO
+from math import erfc, sqrt
 from pathlib import Path
 from typing import Any, Protocol
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.special import chdtrc
 
 from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement, Unknown
+from beamdesign.diagnosis.thresholds import THRESHOLDS
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import heed
@@ -138,6 +141,14 @@ class Fit:
     def moved(self) -> dict[str, float]:
         """Tolerances by which it has moved each tolerated figure, by name; none without a fit."""
         return {u.name: float(z) for u, z in zip(self.unknowns, self.z, strict=not self.reason) if u.kind == "figure"}
+
+    @property
+    def strained(self) -> tuple[str, ...]:
+        """Tolerated figures moved further than anyone would believe: causes stand for others, or one is missing."""
+        moved, most = self.moved, THRESHOLDS.strained
+        # All together are where the sum of their squares is as improbable as that of one which is.
+        together = chdtrc(len(moved), self.strain) < erfc(most / sqrt(2))
+        return tuple(name for name, z in moved.items() if abs(z) > (1.0 if together else most))
 
     @property
     def covariance(self) -> np.ndarray:

@@ -85,8 +85,10 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Whether the best fit beyond tolerances leaves no more than noise does."""
-        return bool(self.fits) and self.excess(self.fits[0]) < _DONE and self.fits[0].misfit < _QUIET * self.expected
+        """Whether the best fit beyond tolerances leaves no more than noise does, and has strained no figure for it."""
+        best = self.fits[0] if self.fits else self.null
+        done = self.excess(best) < _DONE and best.misfit < _QUIET * self.expected
+        return bool(self.fits) and done and not best.strained
 
     def excess(self, found: Fit) -> float:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
@@ -238,12 +240,13 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     """The same with one more effect beside the best pairs, where these explain a good part of the gap but not all.
 
     Only what leaves much less than the pair counts: whatever the library does not hold, three laws imitate better than
-    two.
+    two. Where the pair had to strain figures for what it lacks, what these cost is counted with it.
     """
     alone = {f.hypothesis.causes: f for f in reversed(state.fits) if len(f.hypothesis.causes) == 1 and not f.reason}
     best_two = _by_best_laws(f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason)
     near = [f for f in best_two if f.cost < _ABOUT * best_two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
-    if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
+    strained = bool(near) and bool(near[0].strained)
+    if not near or (not strained and (near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE)):
         return list(state.fits)
     tasks = dict[Hypothesis, Task]()
     for pair, one in product(reversed(near), alone.values()):
@@ -260,7 +263,9 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
         others = (pair for pair in near if not {*pair.hypothesis.causes} <= {*one.hypothesis.causes})
         rest = reduce(Hypothesis.without, {c for f in near for c in f.hypothesis.causes}, one.hypothesis)
         final += fitters(Task(f.hypothesis | rest, one.values, f.values) for f in others if rest.names)
-    much = [f for f in _sorted(final) if not f.reason and state.excess(f) < _MUCH_LESS * state.excess(near[0])]
+    left = {f.hypothesis: (f.cost if strained else f.misfit) - state.expected for f in (near[0], *final)}
+    most = _MUCH_LESS * left[near[0].hypothesis]
+    much = [f for f in _sorted(final) if not f.reason and left[f.hypothesis] < most]
     parts = [Task(f.hypothesis.without(name), f.values) for f in much[:1] for name in f.hypothesis.causes]
     return best_of_each([*state.fits, *fitters(parts), *much])
 
