@@ -80,10 +80,11 @@ def misstated_mass(data: Dataset, kept: FitCache | None = None) -> Misstated | N
     suspects = [k for k in suspects if left[k] > _NOISE * pieces[k].expected]
 
     def others(*without: int) -> Fit | None:
-        """What explains all others, if they are explained."""
+        """What explains all others, if they are explained and no figure is strained for it: that would be a cause."""
         rest = _but(data, [one for k, one in enumerate(taken) if k not in without])
         found, _ = refit(rest, null, 1, kept)
-        return found if found.misfit <= _NOISE * sum(piece.expected for piece in evidence_of(rest)) else None
+        noise = sum(piece.expected for piece in evidence_of(rest))
+        return found if found.misfit <= _NOISE * noise and not found.strained else None
 
     def explained(k: int, found: Fit, least: float) -> bool:
         noise = pieces[k].expected
