@@ -14,6 +14,7 @@ from beamdesign.diagnosis.experiment import (
     _jobs,
     _joined,
     _repeats,
+    _shortened,
     _without_retuning,
     distance,
     next_experiment,
@@ -144,33 +145,60 @@ def foreseen(*separations: float) -> list[_Foreseen]:
         plan = Scenario(name="next", duration_s=1.0, sample_s=1e-3, record=(row,))
         values = [np.zeros(1), np.array([one])]
         free, beyond = [np.zeros((1, 0))] * 2, [np.zeros((1, 1))] * 2
-        found.append(_Foreseen(Experiment((f"record {k}",), plan), values, free, beyond, 1e9))
+        experiment = Experiment((f"record {k}",), plan, causes=((TRUTH,), (RIVAL,)))
+        found.append(_Foreseen(experiment, values, free, beyond, 1e9))
     return found
 
 
 def test_records_are_added_until_they_tell_nearly_all():
-    """Separations of several records add up as squares; the largest come first."""
+    """Separations of several records add up as squares; the one that tells most is taken again."""
     found = _grown(foreseen(1.0, 2.0, 1.5, 0.0), (0.5, 0.5))
-    assert found.texts == ("record 1", "record 2", "record 0")
-    assert found.between[0, 1] == pytest.approx(np.sqrt(1.0 + 4.0 + 2.25))
-    assert [row.name for row in found.scenario.record] == ["next", "next_2", "next_3"]
-    assert found.text.startswith("3 records of 1 s: (1) record 1; (2) record 2;")
+    count = next(n for n in range(1, 9) if information(2 * np.sqrt(n) * np.array([[0, 1], [1, 0]]), (1, 1)) > 0.95)
+    assert found.texts == ("record 1",) * count
+    assert found.between[0, 1] == pytest.approx(2 * np.sqrt(count))
+    assert [row.name for row in found.scenario.record] == ["next", *(f"next_{k}" for k in range(2, count + 1))]
+    assert found.text.startswith(f"{count} records of 1 s: (1) record 1; (2) as (1);")
     assert _grown(foreseen(9.0, 9.0), (0.5, 0.5)).texts == ("record 0",)
-    assert len(_grown(foreseen(*[0.8] * 6), (0.5, 0.5)).texts) == 4
+    assert len(_grown(foreseen(*[0.8] * 6), (0.5, 0.5)).texts) == 8
+
+
+def test_a_record_that_settles_what_the_best_leaves_open_is_taken_beside_it():
+    """3 along what may be moved by 2 leaves 9 / 5; another record says nothing but where that is, to a tenth."""
+    best, other = foreseen(3.0, 0.0)
+    told = [np.full((1, 1), 2.0)] * 2, [np.full((1, 1), 20.0)] * 2
+    records = [one._replace(free=free) for one, free in zip((best, other), told, strict=True)]
+    found = _grown(records, (0.5, 0.5))
+    assert {*found.texts[:2]} == {"record 0", "record 1"}
+    assert _joined(records).between[0, 1] ** 2 == pytest.approx(9 - 36 / (1 + 4 + 400))
+
+
+def test_records_are_shortened_without_a_loss():
+    """By coordinates in the space that they span; what is on the way to diverge is left as it is."""
+    random = np.random.default_rng(0)
+    values, free = [*random.standard_normal((2, 500))], [random.standard_normal((500, k)) for k in (3, 4)]
+    beyond = [random.standard_normal((2, 500)) for _ in range(2)]
+    short = _shortened(values, free, beyond)
+    assert len(short[0][0]) == 2 + 7 + 4
+    (whole,) = foreseen(1.0)
+    at = [whole._replace(values=v, free=f, beyond=b, noise=500.0) for v, f, b in ((values, free, beyond), short)]
+    assert _joined(at[:1]).between == pytest.approx(_joined(at[1:]).between, rel=1e-9)
+    values[0] = 1e200 * values[0]
+    assert _shortened(values, free, beyond) == (values, free, beyond)
 
 
 @pytest.mark.parametrize(("apart", "unclear"), [(9.0, False), (1.0, True)])
 def test_a_cause_beside_one_of_two_that_are_told_apart_leaves_nothing_unclear(slow, monkeypatch, apart, unclear):
     """It may always be nothing, so that no record separates it from the one alone; but it is no rival to speak of."""
     between = np.array([[0.0, apart, 0.0], [apart, 0.0, apart], [0.0, apart, 0.0]])
-    best = replace(foreseen(1.0)[0].experiment, between=between)
+    rivals = [Fit(together(TRUTH)), Fit(together(RIVAL)), Fit(together(TRUTH, "seal_friction"))]
+    causes = tuple(fit.hypothesis.causes for fit in rivals)
+    best = replace(foreseen(1.0)[0].experiment, between=between, causes=causes)
     row = best.scenario.record[0].but(
         controller=slow.records[0].controller, outer_end_mass_kg=0.0, inner_end_mass_kg=0.0
     )
     best = replace(best, scenario=best.scenario.but(record=(row,)))
     monkeypatch.setattr("beamdesign.diagnosis.experiment.experiments", lambda *_: [best])
     monkeypatch.setattr("beamdesign.diagnosis.experiment._series", lambda *_: {})
-    rivals = [Fit(together(TRUTH)), Fit(together(RIVAL)), Fit(together(TRUTH, "seal_friction"))]
     found = next_experiment(slow, rivals, (0.7, 0.3, 0.0))
     assert ("none of the experiments tried separates them clearly" in found.text) is unclear
 
@@ -242,6 +270,22 @@ def test_information_is_that_of_its_limits():
     assert information(np.zeros((3, 3)), p) == pytest.approx(0.0, abs=1e-12)
     near = np.array([[0.0, 2.0], [2.0, 0.0]])
     assert information(near, (1.0, 1.0)) == pytest.approx(1 - np.log2(1 + np.exp(-0.5)))
+
+
+def test_which_law_of_a_cause_it_is_tells_nothing_of_the_cause():
+    """All of the entropy of causes where all laws are far apart, none where laws of one cause are alone told apart."""
+    p, causes = (0.5, 0.3, 0.2), ("delay", "lag", "lag")
+    far = np.where(np.eye(3), 0.0, 1e3)
+    assert information(far, p, causes) == pytest.approx(1.0)
+    alike = np.array([[0.0, 0.0, 1e3], [0.0, 0.0, 1e3], [1e3, 1e3, 0.0]])  # the second lag takes the delay's place
+    # told: whether it is that law; if not, a delay of 5 to 3, of which 8 in 10 are left
+    assert information(alike, p, causes) == pytest.approx(1.0 - 0.8 * entropy(5 / 8))
+    assert information(np.where(np.eye(3), 0.0, 1e3) * [[0, 0, 0], [0, 0, 1], [0, 1, 0]], p, causes) == 0.0
+
+
+def entropy(p: float) -> float:
+    """Of two, bits."""
+    return float(-p * np.log2(p) - (1 - p) * np.log2(1 - p))
 
 
 def test_no_bound_is_more_than_the_information_itself():

@@ -12,21 +12,24 @@ data leave open. What derivatives do not say of those motions the right rival wi
 separates it from the others, and where it is much, what is separated will be taken for something that is not listed.
 
 An experiment is a record or a few, one after another, as many as tell most of what is open: a fit counts every record
-alike, so that a longer one tells no more than two short ones tell. They stay within about what the rig's records have
-already asked of it.
+alike, so that a longer one tells no more than two short ones tell, which may be of the same signal. They stay within
+about what the rig's records have already asked of it.
+
+A cause may follow one law or another: a lag of second order takes the place of a delay where one of first order cannot.
+So laws are rivals of their own, but which of two laws of the same cause it is tells nothing.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice, permutations
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import NextExperiment
-from beamdesign.diagnosis.experiment_menu import Experiment, information, menu
+from beamdesign.diagnosis.experiment_menu import Experiment, menu
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
@@ -37,10 +40,11 @@ from beamdesign.prototype import Prototype
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.time_limit import while_time
 
-_RIVALS = 4
+_RIVALS, _LAWS = 4, 2  # sets of causes, and laws that each may follow
+_LIKELY = 0.01  # of the probability of its first law, which another one has at least
 _PROMISING, _CLOSER_LOOK = 40, 8
 _NEXT = "what to measure next"  # is left out where the time is up
-_RECORDS, _ENOUGH = 4, 0.95  # of one experiment, and what they need not tell more than, of what is open
+_RECORDS, _ENOUGH = 8, 0.95  # of one experiment, and what they need not tell more than, of what is open
 _LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
 _ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
@@ -61,27 +65,33 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
 
     Args:
         data: measured so far; its largest inputs and displacements bound what is proposed.
-        rivals: fits, the most probable first; no more than four count, of several for the same causes the first.
+        rivals: fits, the most probable first; no more than four sets of causes count, and of each two laws.
         weights: their probabilities.
 
     Returns:
         None where there are no two rivals, no time record to go by, or no experiment that every rival predicts.
     """
-    first: dict[tuple[str, ...], tuple[Fit, float]] = {}
+    of: dict[tuple[str, ...], list[tuple[Fit, float]]] = {}
     for fit, weight in zip(rivals, weights, strict=True):
         if not fit.reason:
-            first.setdefault(fit.hypothesis.causes, (fit, max(weight, _LEAST_WEIGHT)))
-    if len(first) < 2 or not data.records:
+            of.setdefault(fit.hypothesis.causes, []).append((fit, weight))
+    sets = dict(islice(of.items(), _RIVALS))
+    if len(sets) < 2 or not data.records:
         return None
-    among, weights = zip(*list(first.values())[:_RIVALS], strict=True)
-    if not (ranked := experiments(data, among, weights)):
+    likely = [pair for own in sets.values() for pair in own[:_LAWS] if pair[1] >= _LIKELY * own[0][1]]
+    laws, weights = zip(*((fit, max(weight, _LEAST_WEIGHT)) for fit, weight in likely), strict=True)
+    if not (ranked := experiments(data, laws, weights)):
         return None
     best = ranked[0]
+    among = [own[0][0] for own in sets.values()]
     names = tuple(str(fit.hypothesis) for fit in among)
+    apart = [
+        min(best.between[0, k] for k, fit in enumerate(laws) if fit.hypothesis.causes == causes) for causes in sets
+    ]
     plain = [s for s in ranked if not s.added]
     also = f", with a sensor for the {ADDED[best.added]} added" if best.added else ""
     text = f"{best.text}{also}. Expected separation of {names[0]} from "
-    text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
+    text += " and ".join(f"{name} {far:.1f}" for name, far in zip(names[1:], apart[1:], strict=True))
     text += " units of misfit, figures re-tuned"
     if best.added and plain:
         text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].text})"
@@ -89,7 +99,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     row = plan["record"][0]
     settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
     settings |= {"added_sensor": best.added, "scenario": plan}
-    decided, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
+    decided, open_ = best.told(weights), best.wide_apart.told(weights)
     if decided < open_ / 2:  # a cause beside another can always be nothing: that alone says little
         text += "; none of the experiments tried separates them clearly"
     text += f"; of the {open_:.2g} bits that are open it is expected to tell {decided:.2g} at least"
@@ -114,12 +124,12 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     """With the channels recorded so far and with one more each, best first.
 
     Of the records that promise most, those that can be predicted are looked at with re-tuning; where none can, as with
-    a joint that hammers, the first of all. To the best of them others are added, as long as that tells more and they do
-    not tell nearly all.
+    a joint that hammers, the first of all. To the best of them others are added, or the same again, as long as that
+    tells more and they do not tell nearly all.
     """
     most = _INSIDE * reached(data, rivals[0])
-    looks = ((_without_retuning(data, one, rivals, most), one) for one in while_time(menu(data), lambda _: _NEXT))
-    quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
+    looks = (_without_retuning(data, one, rivals, most) for one in while_time(menu(data), lambda _: _NEXT))
+    quick = [(one.told(weights) / one.effort, one) for one in looks if one is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
     promising = [one for _, one in quick[:_PROMISING]]
@@ -151,17 +161,15 @@ class _Foreseen(NamedTuple):
 
 def _grown(records: Sequence[_Foreseen], weights: Sequence[float]) -> Experiment:
     """The best record, and whatever others tell more beside it."""
-    every = information(np.where(np.eye(len(weights)), 0.0, inf), weights)
     best, chosen = None, list[_Foreseen]()
-    while len(chosen) < min(_RECORDS, len(records)):
-        left = [one for one in records if all(one is not other for other in chosen)]
-        wider = [(_joined([*chosen, one]), one) for one in left]
+    while len(chosen) < _RECORDS:
+        wider = [(_joined([*chosen, one]), one) for one in records]
         found, further = max(wider, key=lambda each: each[0].worth(weights))
         if best is not None and found.worth(weights)[0] <= best.worth(weights)[0]:
             break
         best = found
         chosen.append(further)
-        if information(best.between, weights) >= _ENOUGH * every:
+        if best.told(weights) >= _ENOUGH * best.wide_apart.told(weights):
             break
     assert best is not None  # there is a record
     return best
@@ -205,8 +213,8 @@ def _watched(data: Dataset) -> tuple[str, ...]:
 
 def _without_retuning(
     data: Dataset, experiment: Experiment, rivals: Sequence[Fit], most: np.ndarray | float = inf
-) -> np.ndarray | None:
-    """(R, R) differences of rivals with nothing re-tuned; None where one, or the prototype itself, does not predict it.
+) -> Experiment | None:
+    """With the differences of rivals with nothing re-tuned; None where one, or the prototype, does not predict it.
 
     A record that the prototype does not predict could not be diagnosed: fits begin there. Nor is one proposed of which
     rivals disagree whether the loop is stable: it would separate them by how little damping is left, which anything
@@ -228,7 +236,8 @@ def _without_retuning(
         return None
     weight = _weight(data, job, predicted[1], channels)
     weighed = np.array([weight(y) for y in predicted[1:]])
-    return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
+    apart = np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
+    return replace(experiment, causes=tuple(fit.hypothesis.causes for fit in rivals), between=apart)
 
 
 def _repeats(data: Dataset, experiment: Experiment, rival: Fit) -> bool:
@@ -269,7 +278,18 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
         ]
         effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
         one, values = replace(experiment, effort=effort, added=added), [weight(y[:, at]) for y, _ in made]
-        yield _Foreseen(one, values, free, beyond, weight.expected)
+        yield _Foreseen(one, *_shortened(values, free, beyond), weight.expected)
+
+
+def _shortened(values: list[np.ndarray], free: list[np.ndarray], beyond: list[np.ndarray]) -> tuple[Any, Any, Any]:
+    """The same by their coordinates in the space that all of them span: all products of two of them stay."""
+    every = [np.array(values), *beyond, *(one.T for one in free)]
+    rows = np.vstack(every)
+    if not np.all(np.abs(rows) <= _HUGE):  # on the way to diverge
+        return values, free, beyond
+    ends = np.cumsum([len(one) for one in every])[:-1]
+    own, *parts = (part.T for part in np.split(np.linalg.qr(rows.T, mode="r"), ends, axis=1))
+    return list(own), [part.T for part in parts[len(beyond) :]], parts[: len(beyond)]
 
 
 def _root(fit: Fit) -> np.ndarray:

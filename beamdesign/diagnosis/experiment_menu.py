@@ -4,7 +4,8 @@ Signals stay within about what the records have already asked of it.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -35,18 +36,27 @@ _LOUDER = 1.3  # effort beyond the largest peak so far: a rig may do there what 
 _NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
 
 
-def information(between: np.ndarray, weights: Sequence[float]) -> float:
-    """Least expected information about which rival it is, bits.
+def information(between: np.ndarray, weights: Sequence[float], causes: Sequence[object] = ()) -> float:
+    """Least expected information about which causes it is, bits.
 
-    That of a mixture of Gaussians of one covariance, by their Bhattacharyya distances d^2 / 8: A. Kolchinsky and B. D.
-    Tracey, Entropy 19 (2017) 361, equation (10).
+    That about which rival it is, less what of it is about which law of the same causes. Rivals are a mixture of
+    Gaussians of one covariance: bounds from below are those of their Bhattacharyya distances d^2 / 8, from above those
+    of Kullback and Leibler, d^2 / 2: A. Kolchinsky and B. D. Tracey, Entropy 19 (2017) 361, equation (10).
 
     Args:
         between: (R, R) separations in standard deviations.
         weights: (R,) probabilities, up to a factor.
+        causes: (R,) of each rival; each of its own if none.
     """
     p = np.asarray(weights) / np.sum(weights)
-    return float(-p @ np.log2(np.exp(-(between**2) / 8) @ p))
+    kinds = [*(causes or range(len(p)))]
+
+    def told(among: Sequence[int], per: float) -> float:
+        own, apart = p[[*among]] / p[[*among]].sum(), between[np.ix_(among, among)]
+        return float(-own @ np.log2(np.exp(-(apart**2) / per) @ own))
+
+    laws = [[k for k, own in enumerate(kinds) if own == kind] for kind in dict.fromkeys(kinds)]
+    return max(0.0, told(range(len(p)), 8) - sum(float(p[own].sum()) * told(own, 2) for own in laws))
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,7 @@ class Experiment:
         scenario: which simulates or prescribes them.
         effort: against an experiment on the rig as it stands.
         added: channel of an added sensor; empty for none.
+        causes: of each of the rivals; those of several laws for the same ones are alike.
         between: (R, R) by how much it separates rivals, units of misfit (square root), the lesser of both cases; empty
             where that is not worked out.
     """
@@ -66,6 +77,7 @@ class Experiment:
     scenario: Scenario
     effort: float = 1.0
     added: str = ""
+    causes: tuple[tuple[str, ...], ...] = ()
     between: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
@@ -73,13 +85,23 @@ class Experiment:
         """In words."""
         if len(self.texts) == 1:
             return self.texts[0]
-        numbered = (f"({k}) {one}" for k, one in enumerate(self.texts, start=1))
+        first = {one: k for k, one in reversed([*enumerate(self.texts, start=1)])}
+        numbered = (f"({k}) {one if first[one] == k else f'as ({first[one]})'}" for k, one in enumerate(self.texts, 1))
         return f"{len(self.texts)} records of {self.scenario.duration_s:g} s: {'; '.join(numbered)}"
 
     @property
     def least(self) -> float:
-        """Between the first rival and the one closest to it."""
-        return float(self.between[0, 1:].min())
+        """Between the first rival and the one of other causes closest to it."""
+        return float(min(self.between[0, k] for k, own in enumerate(self.causes) if own != self.causes[0]))
+
+    @property
+    def wide_apart(self) -> "Experiment":
+        """As one that leaves nothing open."""
+        return replace(self, between=np.where(np.eye(len(self.causes)), 0.0, inf))
+
+    def told(self, weights: Sequence[float]) -> float:
+        """See `information`."""
+        return information(self.between, weights, self.causes)
 
     def worth(self, weights: Sequence[float]) -> tuple[float, float]:
         """By which experiments are compared: information for the effort, then the least separation.
@@ -87,7 +109,7 @@ class Experiment:
         Where several tell all but a hundredth of a bit, the one counts that leaves most room for what no rival is
         quite.
         """
-        return round(information(self.between, weights) / self.effort, 2), self.least / self.effort
+        return round(self.told(weights) / self.effort, 2), self.least / self.effort
 
 
 def menu(data: Dataset) -> Iterator[Experiment]:
