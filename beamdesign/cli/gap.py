@@ -313,13 +313,13 @@ def blindcheck(
 
 def echo_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.validation import blindcheck_result as told
+    from beamdesign.validation import blindcheck_result as tables
     from beamdesign.validation.scoring import scores, split
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"
-    echo_table(title, told.TARGET_COLUMNS, told.target_rows(scores(large)))
-    echo_table("baselines on the same cases", told.BASELINE_COLUMNS, told.baseline_rows(large))
-    named = told.confusion(large)
+    echo_table(title, tables.TARGET_COLUMNS, tables.target_rows(scores(large)))
+    echo_table("baselines on the same cases", tables.BASELINE_COLUMNS, tables.baseline_rows(large))
+    named = tables.confusion(large)
     rows = [(label, ", ".join(f"{name} {count}" for name, count in row.items())) for label, row in named.items()]
     echo_table("named first", ("truth", "named"), rows)

@@ -99,7 +99,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     row = plan["record"][0]
     settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
     settings |= {"added_sensor": best.added, "scenario": plan}
-    decided, open_ = best.told(weights), best.wide_apart.told(weights)
+    decided, open_ = best.bits(weights), best.wide_apart.bits(weights)
     if decided < open_ / 2:  # a cause beside another can always be nothing: that alone says little
         text += "; none of the experiments tried separates them clearly"
     text += f"; of the {open_:.2g} bits that are open it is expected to tell {decided:.2g} at least"
@@ -129,7 +129,7 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     """
     most = _INSIDE * reached(data, rivals[0])
     looks = (_without_retuning(data, one, rivals, most) for one in while_time(menu(data), lambda _: _NEXT))
-    quick = [(one.told(weights) / one.effort, one) for one in looks if one is not None]
+    quick = [(one.bits(weights) / one.effort, one) for one in looks if one is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
     promising = [one for _, one in quick[:_PROMISING]]
@@ -169,7 +169,7 @@ def _grown(records: Sequence[_Foreseen], weights: Sequence[float]) -> Experiment
             break
         best = found
         chosen.append(further)
-        if best.told(weights) >= _ENOUGH * best.wide_apart.told(weights):
+        if best.bits(weights) >= _ENOUGH * best.wide_apart.bits(weights):
             break
     assert best is not None  # there is a record
     return best

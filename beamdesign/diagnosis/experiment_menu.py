@@ -51,12 +51,12 @@ def information(between: np.ndarray, weights: Sequence[float], causes: Sequence[
     p = np.asarray(weights) / np.sum(weights)
     kinds = [*(causes or range(len(p)))]
 
-    def told(among: Sequence[int], per: float) -> float:
+    def bound(among: Sequence[int], per: float) -> float:
         own, apart = p[[*among]] / p[[*among]].sum(), between[np.ix_(among, among)]
         return float(-own @ np.log2(np.exp(-(apart**2) / per) @ own))
 
     laws = [[k for k, own in enumerate(kinds) if own == kind] for kind in dict.fromkeys(kinds)]
-    return max(0.0, told(range(len(p)), 8) - sum(float(p[own].sum()) * told(own, 2) for own in laws))
+    return max(0.0, bound(range(len(p)), 8) - sum(float(p[own].sum()) * bound(own, 2) for own in laws))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Experiment:
         """As one that leaves nothing open."""
         return replace(self, between=np.where(np.eye(len(self.causes)), 0.0, inf))
 
-    def told(self, weights: Sequence[float]) -> float:
+    def bits(self, weights: Sequence[float]) -> float:
         """See `information`."""
         return information(self.between, weights, self.causes)
 
@@ -109,7 +109,7 @@ class Experiment:
         Where several tell all but a hundredth of a bit, the one counts that leaves most room for what no rival is
         quite.
         """
-        return round(self.told(weights) / self.effort, 2), self.least / self.effort
+        return round(self.bits(weights) / self.effort, 2), self.least / self.effort
 
 
 def menu(data: Dataset) -> Iterator[Experiment]:

@@ -63,8 +63,8 @@ class Prediction(Result):
         noise = {name: f"{rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
         parts = [(one.reason or "complete", one.uncertain, noise.get(one.name)) for one in self.records]
         words = ["; ".join(filter(None, each)) for each in parts]
-        told = zip(self.records, peaks, words, strict=True)
-        return [(one.name, len(one.samples), peak, said) for one, peak, said in told]
+        rows = zip(self.records, peaks, words, strict=True)
+        return [(one.name, len(one.samples), peak, said) for one, peak, said in rows]
 
 
 def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple[TimeRecord, ...], float]:

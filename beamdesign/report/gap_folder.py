@@ -119,8 +119,8 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: tables.condition_text(r) for r in data.records}
-    told = tables.place, tables.figure_name, tables.terms_table
-    own = (decimal, stated_bandwidth, stated_peak, in_words, controller_text, *told)
+    of_tables = tables.place, tables.figure_name, tables.terms_table
+    own = (decimal, stated_bandwidth, stated_peak, in_words, controller_text, *of_tables)
     template = page_template(
         "gap_report.html", *own, share=tables.share_text, figure=_figure, closed=tables.closed_text, masses=masses_text
     )

@@ -332,8 +332,8 @@ def _tune_stages(
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
         return whole
-    told = part_of(report, (steps - 1) / steps, 1.0)
-    proved = switching(stage_families(rig), *whole_kg, dwell_s=schedule.dwell_s, update=told)
+    of_changes = part_of(report, (steps - 1) / steps, 1.0)
+    proved = switching(stage_families(rig), *whole_kg, dwell_s=schedule.dwell_s, update=of_changes)
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
     return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))

@@ -255,8 +255,8 @@ def setting(found: Sequence[Residual]) -> Where:
         asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))
         slow.append(_slow(drive, shaped, record.step))
     names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(edges))
-    taken, told = tuple(item.evidence.name for item in found), tuple(map(words_of, found))
-    table: dict[str, tuple[object, ...]] = {"record": taken, "condition": told, "relative_error": tuple(relative)}
+    taken, conditions = tuple(item.evidence.name for item in found), tuple(map(words_of, found))
+    table: dict[str, tuple[object, ...]] = {"record": taken, "condition": conditions, "relative_error": tuple(relative)}
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
     sizes = ((distortions, np.nan), (asymmetries, 0.0), (slow, 0.0))
     distortion, asymmetry, slowness = (float(np.median(some)) if some else none for some, none in sizes)
