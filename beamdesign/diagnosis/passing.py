@@ -113,7 +113,8 @@ def without_one(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
     judged = judge(found)
     words = (
         f"{name}: nothing explains it together with the other records (was the rig touched, is the file of another rig,"
-        " or is it driven as no other?), so that it is left out"
+        " or is it driven as no other?), so that it is left out. Take it once more: if that comes"
+        " out alike, the rig does so by itself"
     )
     known = Look(data, found, judged, (words,), own, doubtful=True)
     return known.after(look) if judged.unknown <= _MOST_UNKNOWN else None
