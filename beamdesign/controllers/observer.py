@@ -109,10 +109,8 @@ class Observer(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, its sensors and its matrices row by row."""
-        from beamdesign.quantities import quantity
-
         rows = [
-            ("gain", quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),
+            ("gain", q.quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),
             ("sensors", ", ".join(self.sensors), "e: error volts, then what the others read with its sign turned"),
         ]
         for name, matrix in (("a", self.a), ("b", self.b)):

@@ -145,12 +145,10 @@ def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequenc
     rows = [asdict(c) | {"names": list(c.names)} for c in planned]
     fields = {"seed": seed, "short": short, "cases": rows}
     check = Check(folder, planned, short, seed)
-    path = check.plan
-    if path.is_file():
-        if json.loads(path.read_text(encoding="utf-8")) != fields:
-            raise InputError(path, [("(plan)", "the folder holds another check; name another folder")])
-    else:
-        write_whole(path, json.dumps(fields, indent=1) + "\n")
+    if not check.plan.is_file():
+        write_whole(check.plan, json.dumps(fields, indent=1) + "\n")
+    elif json.loads(check.plan.read_text(encoding="utf-8")) != fields:
+        raise InputError(check.plan, [("(plan)", "the folder holds another check; name another folder")])
     return check
 
 
