@@ -87,11 +87,9 @@ def measured(case: Case) -> tuple[Swept, Raised]:
         frequency of every loop that comes to oscillate.
     """
     rng = np.random.default_rng([case.seed, 4])
-    forced, loops = dict[str, Run](), dict[str, Run]()
-    for run in sorted(case.runs, key=lambda run: run.drive.size):
-        loops[str(run.setting)] = run
-        if run.drive.channel == "disturbance_N" and run.drive.shape == "lines":
-            forced[str(run.setting)] = run
+    runs = sorted(case.runs, key=lambda run: run.drive.size)
+    forces = [run for run in runs if run.drive.channel == "disturbance_N" and run.drive.shape == "lines"]
+    forced, loops = ({str(run.setting): run for run in of} for of in (forces, runs))
     swept = [(run, compliance(case, run, amplitude_of(run), rng)) for run in forced.values()]
     raised = []
     for run in loops.values():
