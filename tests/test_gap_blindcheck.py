@@ -23,7 +23,7 @@ from beamdesign.diagnosis.fitting.fit import Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.validation import blindcheck, scoring
+from beamdesign.validation import blindcheck, case_plan, scoring
 from beamdesign.validation.baselines import baselines, lasso, lasso_path
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
 from beamdesign.validation.blindcheck_result import Scored, confusion, result_text
@@ -483,7 +483,7 @@ def checked(made_once, tmp_path_factory):
     now, folder = program(), tmp_path_factory.mktemp("check") / "five"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
-        patch.setattr(blindcheck, "draw", _drawn)
+        patch.setattr(case_plan, "draw", _drawn)
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
         patch.setattr(searching, "_two_at_once", lambda fitters, state, progress: list(state.fits))
@@ -542,7 +542,7 @@ def test_five_cases_from_drawing_to_scores(checked):
 
 def test_a_check_that_is_finished_is_scored_and_written_by_the_public_function(checked, monkeypatch):
     check, _ = checked
-    monkeypatch.setattr(blindcheck, "plan", lambda count, seed: FIVE)
+    monkeypatch.setattr(case_plan, "plan", lambda count, seed: FIVE)
     found = blindcheck.blindcheck(check.folder, len(FIVE), 0, short=True, workers=1)
     assert (found.yes, len(found.outcomes)) == (True, len(FIVE))
     held = json.loads((check.folder / "result.json").read_text(encoding="utf-8"))
