@@ -339,7 +339,8 @@ class WithActuator(Record):
         """The tables are those of its kind of actuator, and all of them; its law hears nothing that it has not."""
         yield from super().relations(table)
         given, usual = table.get("actuator", {}), Actuator.where_none_is_stated
-        kind = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
+        said = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
+        kind = said if isinstance(said, str) else ""  # of which it is told where it stands
         for name in _TABLES if kind in KINDS else ():
             default = cls.model_fields[name].default
             if table.get(name, default) not in (None, default) and name not in KINDS[kind].tables:
