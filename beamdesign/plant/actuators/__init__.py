@@ -158,6 +158,7 @@ class Actuator(Kinded):
         fed_back: those of its figures that are zero where its drive feeds nothing back by itself.
     """
 
+    known = KINDS
     where_none_is_stated = "servo_cylinder"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     tables: ClassVar[tuple[str, ...]] = ()
@@ -174,11 +175,6 @@ class Actuator(Kinded):
     usual_strength_N: ClassVar[float] = 1000.0
 
     stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
-
-    @classmethod
-    def known(cls) -> "dict[str, type[Actuator]]":
-        """See `Kinded`."""
-        return KINDS
 
     @property
     def rig(self) -> str:
