@@ -91,20 +91,16 @@ class Scored(Result):
                 for rig, found in of_rigs(large).items()
             ],
             "rig_columns": ("", *OF_RIGS.values()),
-            "bins": calibration(large)[0],
             "target_columns": TARGET_COLUMNS,
             "baseline_columns": BASELINE_COLUMNS,
         }
-        own = (scores, confusion, columns_of, target_rows, baseline_rows)
-        template = text_template(
-            Path(__file__).with_name("blindcheck.md.j2"),
-            *own,
-            md=lambda cell: in_markdown(str(cell)),
-            ruled=lambda column: "---",
-            flowed=lambda text: " ".join(text.split()),
-        )
-        found = template.render(given, **vars(self), least=SMALL, large=large, small=small)
-        return found.rstrip() + "\n"
+        own = (scores, confusion, calibration, columns_of, target_rows, baseline_rows)
+        spelt: dict[str, Any] = {
+            "md": lambda cell: in_markdown(str(cell)),
+            "flowed": lambda text: " ".join(text.split()),
+        }
+        template = text_template(Path(__file__).with_name("blindcheck.md.j2"), *own, **spelt)
+        return template.render(given, **vars(self), least=SMALL, large=large, small=small).rstrip() + "\n"
 
     def write(self, folder: Path) -> tuple[Path, ...]:
         """Write result.json, result.md and result.svg, and tell where."""
