@@ -107,10 +107,7 @@ def _file_of(name: str) -> Path | None:
     if head != _PACKAGE:
         return None
     path = _ROOT.joinpath(*steps)
-    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
-        if candidate.is_file():
-            return candidate
-    return None
+    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
 
 
 def _imported(path: Path, tree: ast.Module) -> list[str]:

@@ -1,5 +1,6 @@
 """Records of which there are kinds: a table is read as the one that its key `kind` names."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
@@ -15,18 +16,15 @@ class Kinded(Record):
     """
 
     kind: str
+    known: ClassVar[Mapping[str, type[Any]]]
+    """All kinds by their names."""
     where_none_is_stated: ClassVar[str] = ""
     """The kind of a table that states none; empty where it has to."""
 
     @classmethod
-    def known(cls) -> "dict[str, type[Any]]":
-        """All kinds by their names."""
-        raise NotImplementedError
-
-    @classmethod
     def variants(cls) -> list[type[Record]]:
         """Itself where it is a kind, else the known kinds that derive from it."""
-        known = cls.known().values()
+        known = cls.known.values()
         return [cls] if cls in known else [kind for kind in known if issubclass(kind, cls)]
 
     @model_validator(mode="wrap")

@@ -50,14 +50,10 @@ TOLERANCES = {name: row.tolerance for name, row in PARAMETERS.items()}
 """Key in `[tolerance]` of every parameter."""
 
 TORSION = {
-    row.name: row
-    for row in (
-        Parameter(
-            "torsional_stiffness", "k_t", "N m/rad", "arm.torsional_stiffness_N_m_per_rad", "stiffness", "structure"
-        ),
-        Parameter(
-            "torsional_damping", "b_t", "N m s/rad", "arm.torsional_damping_ratio", "beam_damping_ratio", "structure"
-        ),
+    f"torsional_{name}": Parameter(f"torsional_{name}", symbol, unit, f"arm.torsional_{key}", tolerance, "structure")
+    for name, symbol, unit, key, tolerance in (
+        ("stiffness", "k_t", "N m/rad", "stiffness_N_m_per_rad", "stiffness"),
+        ("damping", "b_t", "N m s/rad", "damping_ratio", "beam_damping_ratio"),
     )
 }
 """Those of an arm whose payload twists its outer beam, which are no better known than the same of its bending."""

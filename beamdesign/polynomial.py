@@ -60,10 +60,8 @@ def text(value: fmpq) -> str:
     denominator = int(value.q)
     if 10**40 % denominator:
         return f"{value.p}/{value.q}"
-    places = next(k for k in range(41) if 10**k % denominator == 0)
-    digits = str(abs(int(value.p)) * 10**places // denominator).rjust(places + 1, "0")
-    sign = "-" if value < 0 else ""
-    return sign + (f"{digits[:-places]}.{digits[-places:]}" if places else digits)
+    digits = f"{abs(int(value.p)) * 10**40 // denominator:041d}"
+    return ("-" if value < 0 else "") + f"{digits[:-40]}.{digits[-40:]}".rstrip("0").rstrip(".")
 
 
 def shortened(value: fmpq, digits: int, up: bool = False) -> fmpq:

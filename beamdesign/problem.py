@@ -1,7 +1,6 @@
 """The design problem of a study file: what is asked for, before any section or controller is chosen."""
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from math import log2
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +14,7 @@ from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import Beam, Goal, Payload, Prototype, Sensor, Servovalve, Supply, Tolerance
-from beamdesign.records import Problem, Record, numbers
+from beamdesign.records import Problem, Record, numbers, stated
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import Clearance, Safety, Shaped, SizedFor, Sizes, beams_that_do_not_fit, tube_of
@@ -153,9 +152,7 @@ class DesignProblem(WithMaterials, WithActuator):
         """Given sections fit, fixed ones are given, an actuator has its tables, and there is a payload range."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
-        sections, payload = table.get("sections"), table.get("payload")
-        read = sections.get if isinstance(sections, Mapping) else partial(getattr, sections)
-        choose = read("choose", "stock")
+        choose, payload = stated(table, "sections.choose", "stock"), table.get("payload")
         for name in BEAMS:
             ratio = numbers(table, f"{name}.depth_over_width")
             if ratio and choose == "stock" and not stock_tubes("rectangle", ratio[0]):

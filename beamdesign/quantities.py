@@ -77,9 +77,7 @@ class Plausible:
 
 def range_of(quantity: Any) -> Plausible:
     """The range of one of the quantities below."""
-    found = next(part for part in quantity.__metadata__ if isinstance(part, Plausible))
-    assert isinstance(found, Plausible)
-    return found
+    return next(part for part in quantity.__metadata__ if isinstance(part, Plausible))
 
 
 # Structure.

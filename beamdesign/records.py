@@ -162,16 +162,21 @@ def _line_errors(error: ValidationError) -> list[InitErrorDetails]:
     return lines
 
 
+def stated(part: Any, key: str, usual: Any = None) -> Any:
+    """What a table or a record has under a key, or what is usual where it has nothing; dots lead into tables."""
+    for step in key.split("."):
+        part = part.get(step, usual) if isinstance(part, Mapping) else getattr(part, step, usual)
+    return part
+
+
 def numbers(table: Mapping[str, Any], *keys: str, each: int = 1) -> tuple[float, ...] | None:
-    """The figures under `keys`, or None where one of them is absent or not a finite number; dots lead into tables.
+    """The figures under `keys`, or None where one of them is absent or not a finite number; see `stated`.
 
     So many stand under each key, more than one as a list.
     """
     values: list[Any] = []
     for key in keys:
-        value: Any = table
-        for step in key.split("."):
-            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
+        value = stated(table, key)
         values += [value] if each == 1 else value if isinstance(value, tuple) and len(value) == each else [None]
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
         return None

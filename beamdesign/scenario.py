@@ -14,7 +14,7 @@ from beamdesign import records
 from beamdesign.arguments import takes
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
-from beamdesign.records import FileName, InputError, Problem, Record, numbers
+from beamdesign.records import FileName, InputError, Problem, Record, numbers, stated
 
 CHANNELS = ("disturbance_N", "command_V")
 COLUMNS = ("t_s", *CHANNELS, "current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
@@ -199,10 +199,10 @@ class Scenario(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Names differ, times fit into each other."""
         rows = table.get("record")
-        if rows is not None and len(rows) == 0:
+        if rows in ((), {}):
             yield Problem("record", "holds no record")
-        given = [row.get("name") if isinstance(row, Mapping) else getattr(row, "name", None) for row in rows or ()]
-        for name in dict.fromkeys(n for n in given if n is not None and given.count(n) > 1):
+        given = [stated(row, "name") for row in rows] if isinstance(rows, tuple) else []
+        for name in dict.fromkeys(n for n in given if isinstance(n, str) and given.count(n) > 1):
             yield Problem("record.name", f"{name!r} stands twice")
         table = cls.whole(table)
         if (pair := numbers(table, "duration_s", "sample_s")) and pair[1] > 0 and pair[0] < 10 * pair[1]:

@@ -23,10 +23,10 @@ from beamdesign.diagnosis.fitting.fit import Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.validation import blindcheck, scoring
+from beamdesign.validation import blindcheck, case_plan, scoring
 from beamdesign.validation.baselines import baselines, lasso, lasso_path
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
-from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
+from beamdesign.validation.blindcheck_result import Scored, confusion, result_text
 from beamdesign.validation.bounds import bootstrap, clopper_pearson
 from beamdesign.validation.case_plan import (
     RIGS,
@@ -296,8 +296,9 @@ def test_three_effects_and_cases_without_records_have_rows_of_their_own():
     assert scoring.calibration((*HAND, *MORE[3:])) == scoring.calibration(HAND)
     assert {"sensor_lag + +", "without records: sensor_lag"} <= confusion(MORE).keys()
     setting = {"records": "", "planned": 16, "seed": 1, "seal": "00"}
-    assert "3 of three effects" in markdown((*HAND, *MORE), setting)
-    assert "2 single effects without records" in markdown((*HAND, *MORE), setting)
+    page = Scored((*HAND, *MORE), setting).markdown()
+    assert "3 of three effects" in page
+    assert "2 single effects without records" in page
 
 
 def test_what_broke_off_counts_as_missed():
@@ -379,7 +380,8 @@ def test_baselines_are_scored_on_what_they_name():
 
 def test_the_page_and_the_fields_say_the_same():
     setting = {"records": "", "planned": 11, "seed": 1, "seal": "00"}
-    page, fields = markdown(HAND, setting), result_fields(HAND, setting)
+    told = Scored(HAND, setting)
+    page, fields = told.markdown(), told.to_dict()
     assert json.loads(result_text(fields)) == json.loads(json.dumps(fields, allow_nan=False))
     assert "| gap detected | 88.9% |" in page
     assert next(s for s in fields["scores"] if s["name"] == "gap detected")["value"] == pytest.approx(8 / 9, abs=1e-4)
@@ -481,7 +483,7 @@ def checked(made_once, tmp_path_factory):
     now, folder = program(), tmp_path_factory.mktemp("check") / "five"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
-        patch.setattr(blindcheck, "draw", _drawn)
+        patch.setattr(case_plan, "draw", _drawn)
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
         patch.setattr(searching, "_two_at_once", lambda fitters, state, progress: list(state.fits))
@@ -540,7 +542,7 @@ def test_five_cases_from_drawing_to_scores(checked):
 
 def test_a_check_that_is_finished_is_scored_and_written_by_the_public_function(checked, monkeypatch):
     check, _ = checked
-    monkeypatch.setattr(blindcheck, "plan", lambda count, seed: FIVE)
+    monkeypatch.setattr(case_plan, "plan", lambda count, seed: FIVE)
     found = blindcheck.blindcheck(check.folder, len(FIVE), 0, short=True, workers=1)
     assert (found.yes, len(found.outcomes)) == (True, len(FIVE))
     held = json.loads((check.folder / "result.json").read_text(encoding="utf-8"))

@@ -45,7 +45,7 @@ from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_file import Picture as Drawn
 from beamdesign.sweep.sweep_file import Sweep
-from beamdesign.validation.blindcheck_result import markdown
+from beamdesign.validation.blindcheck_result import Scored
 from beamdesign.validation.scoring import Outcome
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
@@ -247,7 +247,7 @@ def test_the_specification_of_a_design_under_any_name() -> None:
 def test_a_blind_check_of_any_effect(name: str) -> None:
     def told(name: str) -> str:
         one = Outcome("0", "single", (name,), "sensor", 10.0, 10.0, "effect", chosen=(name,), named=name)
-        return markdown([one], {"planned": 1, "records": "One.", "command": name})
+        return Scored((one,), {"planned": 1, "records": "One.", "command": name}).markdown()
 
     assert blocks(told(name))[0] == blocks(told(PLAIN))[0]
 

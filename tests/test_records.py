@@ -1,7 +1,9 @@
 """Records and their TOML files: what goes out comes back; what is wrong is said at once, by file, key and reason."""
 
 import os
+import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
-from beamdesign import InputError, records
+from beamdesign import DesignProblem, InputError, Prototype, records
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers, parse, read, read_table, to_toml
+from beamdesign.scenario import Scenario
 from beamdesign.spelling import fault
 
 
@@ -305,3 +308,29 @@ def test_a_missing_file_gets_a_guess_only_where_one_is_near(tmp_path: Path) -> N
     assert str(tmp_path / "prototype.toml") in told["protoype.toml"]
     assert all("did you mean" not in told[name] for name in ("study.toml", "lost.toml", "records.csv"))
     assert "link" in told["lost.toml"]
+
+
+SHIPPED = {
+    Path("studies/scheduled/prototype.toml"): Prototype,
+    Path("studies/prototypes/arm.toml"): Prototype,
+    Path("studies/ball_screw.toml"): DesignProblem,
+    Path("beamdesign/templates/scenario.toml"): Scenario,
+}
+
+
+def replaced(part: Any, other: Any) -> Iterator[Any]:
+    """A table once for each value in it, however deep, with something else in its place."""
+    places = part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ()
+    for place, value in places:
+        for changed in (other, *replaced(value, other)):
+            yield part | {place: changed} if isinstance(part, dict) else [*part[:place], changed, *part[place + 1 :]]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=str)
+def test_whatever_stands_at_a_key_is_taken_or_refused_with_a_reason(path: Path):
+    table = tomllib.loads((Path(__file__).parents[1] / path).read_text(encoding="utf-8"))
+    parse(SHIPPED[path], table, path)
+    for other in ({"a": 1}, [1], 3, "x"):
+        for changed in replaced(table, other):
+            with suppress(InputError):
+                parse(SHIPPED[path], changed, path)

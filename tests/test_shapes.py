@@ -214,6 +214,7 @@ def beam(**changes: Any) -> dict[str, Any]:
         ({"shape": "rectangle", "depth_m": 0.04, "corner_radius_m": 0.03}, "corner_radius_m", "half the depth"),
         ({"shape": "rectangle", "width_m": 0.01, "wall_m": 0.002, "depth_m": 0.2}, "depth_m", "20 times the width"),
         ({"shape": "circle"}, "shape", "must be 'square', 'rectangle' or 'round'"),
+        ({"shape": {"of": "round"}}, "shape", "must be 'square', 'rectangle' or 'round'"),
     ],
 )
 def test_impossible_shapes_are_refused_by_key(changes, key, words):

@@ -173,27 +173,24 @@ class Cascade(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, then the figures of each factor; between them what a lag makes of the gain."""
-        from beamdesign.quantities import decimal, quantity
-
-        means = "K_sa, current per error voltage when static"
-        rows = [("gain", quantity(self.gain_A_per_V, "A/V", 7), means)]
+        rows = [("gain", q.quantity(self.gain_A_per_V, "A/V", 7), "K_sa, current per error voltage when static")]
         breaks = [factor for factor in self.factors if isinstance(factor, Break)]
         for n, one in enumerate(breaks, start=1):
             which = f" {n}" if n > 1 else ""
             level = "from here up it stays level again"
             falls = ("from here up the gain falls", level)
             at_pole, at_zero = falls if one.pole_Hz <= one.zero_Hz else (level, "from here up the gain rises")
-            rows.append((f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole))
-            rows.append((f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero))
+            rows.append((f"pole{which}", q.quantity(one.pole_Hz, "Hz", 7), at_pole))
+            rows.append((f"zero{which}", q.quantity(one.zero_Hz, "Hz", 7), at_zero))
         if breaks:
             drop = prod(one.pole_Hz / one.zero_Hz for one in breaks)
-            share = f"1/{decimal(1 / drop, 3)} of" if drop <= 1 else f"{decimal(drop, 3)} times"
+            share = f"1/{q.decimal(1 / drop, 3)} of" if drop <= 1 else f"{q.decimal(drop, 3)} times"
             above = f"gain above the {'zero' if drop <= 1 else 'pole'}"
             above += ", before the sections" if self.sections else ""
-            rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), f"{share} the static gain"))
+            rows.append((above, q.quantity(self.gain_A_per_V * drop, "A/V"), f"{share} the static gain"))
         for k, section in enumerate(self.sections, start=1):
             zero, pole = (
-                f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"
+                f"{q.quantity(frequency, 'Hz', 7)}, damping ratio {q.decimal(damping, 6)}"
                 for frequency, damping in (section.stated[:2], section.stated[2:])
             )
             rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]

@@ -109,10 +109,8 @@ class Observer(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, its sensors and its matrices row by row."""
-        from beamdesign.quantities import quantity
-
         rows = [
-            ("gain", quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),
+            ("gain", q.quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),
             ("sensors", ", ".join(self.sensors), "e: error volts, then what the others read with its sign turned"),
         ]
         for name, matrix in (("a", self.a), ("b", self.b)):
@@ -288,25 +286,18 @@ def block_form(
     if len(poles) and not poles.real.max() < 0:
         return None
     residues = (c @ vectors).ravel()[:, None] * np.linalg.solve(vectors, b.astype(complex))
-    order = np.argsort(np.abs(poles))
-    real = [k for k in order if abs(poles[k].imag) <= 1e-9 * abs(poles[k])]
-    pairs = [(k, None) for k in order if poles[k].imag > 1e-9 * abs(poles[k])]
-    if len(real) % 2:
-        real.append(-1)
-    pairs += list(zip(real[::2], real[1::2], strict=True))
+    terms = [(poles[k], residues[k]) for k in np.argsort(np.abs(poles))]
+    real = [term for term in terms if abs(term[0].imag) <= 1e-9 * abs(term[0])]
+    pairs = [((pole, of), (pole.conjugate(), of.conjugate())) for pole, of in terms if pole.imag > 1e-9 * abs(pole)]
     p = len(sensors)
+    if len(real) % 2:  # beside a lone real pole a fast one that does nothing
+        real.append((complex(-2 * pi * pace * FASTEST_HZ / 4), np.zeros(p, dtype=complex)))
+    pairs += list(zip(real[::2], real[1::2], strict=True))
     units = np.vstack([np.abs(d), np.abs(residues / poles[:, None])]).max(axis=0)
     if worth is not None:
         units = np.maximum(units, units[0] * worth)
     rows = []
-    for one, two in pairs:
-        first, residue = poles[one], residues[one]
-        if two is None:
-            second, other = first.conjugate(), residue.conjugate()
-        elif two == -1:  # a lone real pole: a fast one beside it that does nothing
-            second, other = complex(-2 * pi * pace * FASTEST_HZ / 4), np.zeros(p, dtype=complex)
-        else:
-            second, other = poles[two], residues[two]
+    for (first, residue), (second, other) in pairs:
         square = (first * second).real
         w = np.sqrt(square)
         z = -(first + second).real / (2 * w)

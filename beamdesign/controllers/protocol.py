@@ -166,6 +166,10 @@ def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
     return product
 
 
+KINDS: "dict[str, type[Controller]]" = {}
+"""Every registered kind of controller by its name."""
+
+
 class Controller(Kinded):
     """A linear law from what is sensed to the current of the valve, or several that take turns.
 
@@ -174,16 +178,12 @@ class Controller(Kinded):
     that.
     """
 
+    known = KINDS
     if TYPE_CHECKING:
 
         @property
         def gain_A_per_V(self) -> float:
             """Factor on the whole of a linear law, a field of every kind of those."""
-
-    @classmethod
-    def known(cls) -> dict[str, "type[Controller]"]:
-        """See `Kinded`."""
-        return KINDS
 
     @property
     def laws(self) -> Laws:
@@ -336,9 +336,6 @@ class Controller(Kinded):
             return f"hears {', '.join(self.added)} too; keep 'displacement_m' alone" if self.added else ""
         return "is of another form; give a lag"
 
-
-KINDS: dict[str, type[Controller]] = {}
-"""Every registered kind of controller by its name."""
 
 C = TypeVar("C", bound=Controller)
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from beamdesign import quantities as q
 from beamdesign.controllers.cascade import Lag, Section, Structured
 from beamdesign.controllers.protocol import Controller, Laws, Need, Row, refuse
-from beamdesign.records import Problem, Record, numbers
+from beamdesign.records import Problem, Record, numbers, stated
 
 STAGES = 2, 12
 """Fewest and most laws of a scheduled controller."""
@@ -187,13 +187,14 @@ class Scheduled(Controller):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Stages ascend and overlap by twice the estimator's band; all have as many sections; samples are enough."""
         stages, given = table.get("stage"), table.get("estimator", {})
-        own = {name: usual if (one := _field(given, name)) is None else one for name, usual in _USUAL.items()}
+        stages = stages if isinstance(stages, tuple) else ()
+        own = {name: usual if (one := stated(given, name)) is None else one for name, usual in _USUAL.items()}
         period = {"period_s": table.get("period_s", cls.model_fields["period_s"].default)}
         found = numbers(own | period, "period_s", "update_s", "window_s")
         if found and found[0] > (most := longest_period_s(*found[1:])) * (1 + 1e-9):
             reason = f"an estimate takes a sample between updates and more than {FREE} of them in a window"
             yield Problem("period_s", f"must be at most {most:.4g} s, since {reason}; is {found[0]:g}")
-        ranges = [_field(stage, "outer_end_mass_kg") for stage in stages] if isinstance(stages, tuple) else []
+        ranges = [stated(stage, "outer_end_mass_kg") for stage in stages]
         band = own["band_kg"] if isinstance(own["band_kg"], float) else Estimator().band_kg
         if all(numbers({"range": each}, "range", each=2) for each in ranges):
             for k, (one, two) in enumerate(pairwise(ranges), start=1):
@@ -202,10 +203,6 @@ class Scheduled(Controller):
                 elif one[1] - two[0] < 2 * band * (1 - 1e-9):
                     needed = f"twice the estimator's band_kg, {2 * band:.4g} kg, is needed"
                     yield Problem("stage", f"stages {k} and {k + 1} overlap by {one[1] - two[0]:.4g} kg; {needed}")
-        counts = {len(_field(stage, "section") or ()) for stage in stages} if isinstance(stages, tuple) else set()
-        if len(counts) > 1:
+        sections = (stated(stage, "section") or () for stage in stages)
+        if len({len(own) for own in sections if isinstance(own, tuple)}) > 1:
             yield Problem("stage", "all stages must have the same number of sections")
-
-
-def _field(record: Any, name: str) -> Any:
-    return record.get(name) if isinstance(record, Mapping) else getattr(record, name, None)

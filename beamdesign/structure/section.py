@@ -14,11 +14,12 @@ its wall is to be of class 3 at most, `Material.largest_diameter_to_wall`.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
+from itertools import permutations
 from math import pi
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias
 
-from beamdesign.records import Positive, Record, parse, read_table
+from beamdesign.records import read_table
 
 Quantity: TypeAlias = Any
 """A float, a numpy array or a CasADi expression; the functions give back what they are given (broadcast)."""
@@ -101,7 +102,7 @@ class Tube:
     @property
     def turned(self) -> "Tube":
         """The same tube with the load on its other side."""
-        return self
+        return replace(self, width_m=self.depth_m, depth_over_width=1 / self.depth_over_width)
 
     @property
     def sizes(self) -> dict[str, Quantity]:
@@ -259,10 +260,6 @@ class RectangularTube(Tube):
         return {"width": self.width_m, "depth": self.depth_m}
 
     @property
-    def turned(self) -> Tube:  # noqa: D102
-        return replace(self, width_m=self.depth_m, depth_over_width=1 / self.depth_over_width)
-
-    @property
     def sizes(self) -> dict[str, Quantity]:  # noqa: D102
         return super().sizes | {"depth_m": float(f"{self.depth_m:.12g}")}
 
@@ -358,26 +355,17 @@ SAME_SHARE = 1e-3
 """Within which a ratio of sides is that of a stock tube."""
 
 
-class _Size(Record):
-    width_m: Positive
-    depth_m: Positive | None = None
-    walls_m: tuple[Positive, ...]
-
-
-class _StockList(Record):
-    square_tube: tuple[_Size, ...]
-    round_tube: tuple[_Size, ...]
-    rectangular_tube: tuple[_Size, ...]
-
-
 @cache
 def _stock() -> dict[str, tuple[Tube, ...]]:
-    data = parse(_StockList, read_table(_DATA), _DATA)
-    lying = [(size, size.depth_m or size.width_m) for size in data.rectangular_tube]
-    sides = [(b, h, size.walls_m) for size, side in lying for b, h in ((size.width_m, side), (side, size.width_m))]
+    data = read_table(_DATA)
+    sides = [
+        (b, h, size["walls_m"])
+        for size in data["rectangular_tube"]
+        for b, h in permutations((size["width_m"], size["depth_m"]))
+    ]
     found: dict[str, list[Tube]] = {
-        "square": [Tube(size.width_m, wall) for size in data.square_tube for wall in size.walls_m],
-        "round": [RoundTube(size.width_m, wall) for size in data.round_tube for wall in size.walls_m],
+        "square": [Tube(size["width_m"], wall) for size in data["square_tube"] for wall in size["walls_m"]],
+        "round": [RoundTube(size["width_m"], wall) for size in data["round_tube"] for wall in size["walls_m"]],
         "rectangle": [RectangularTube(b, wall, depth_over_width=h / b) for b, h, walls in sides for wall in walls],
     }
     assert found.keys() == SHAPES.keys()

@@ -4,13 +4,12 @@ And what the tubes of a link are asked to keep beside its load: sizes, gaps, and
 """
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any, Literal
 
 from pydantic import Field, model_serializer
 
 from beamdesign import quantities as q
-from beamdesign.records import Problem, Record, numbers
+from beamdesign.records import Problem, Record, numbers, stated
 from beamdesign.structure.section import SHAPES, RectangularTube, RoundTube, Tube, clearances
 
 FIT_M = 1e-9
@@ -76,14 +75,14 @@ def tube_of(beam: Any, wall_m: float | None = None) -> Tube | None:
         beam: whose sizes are read.
         wall_m: what counts where it states no wall.
     """
-    said = beam.get if isinstance(beam, Mapping) else partial(getattr, beam)
 
     def figure(key: str, other: float | None = None) -> float | None:
         found = numbers({"beam": beam}, f"beam.{key}")
         return other if found is None else found[0]
 
-    width, wall = figure("width_m"), figure("wall_m", wall_m)
-    kind, radius = SHAPES.get(said("shape", "square")), figure("corner_radius_m", 0.0)
+    width, wall, radius = figure("width_m"), figure("wall_m", wall_m), figure("corner_radius_m", 0.0)
+    shape = stated(beam, "shape", "square")
+    kind = SHAPES.get(shape) if isinstance(shape, str) else None
     if width is None or wall is None or kind is None:
         return None
     if kind is RoundTube:

@@ -71,11 +71,8 @@ def lasso(gram: np.ndarray, slope: np.ndarray, penalty: float, start: np.ndarray
 
 def lasso_path(gram: np.ndarray, slope: np.ndarray) -> Iterator[list[int]]:
     """Sets of terms that come in as the penalty falls, each once."""
-    if not len(slope) or not (largest := float(np.abs(slope).max())):
-        return
-    w = np.zeros(len(slope))
-    penalty = largest
-    before: list[int] = []
+    w, before = np.zeros(len(slope)), list[int]()
+    penalty = largest = float(np.abs(slope).max(initial=0.0))
     while penalty > _LEAST * largest:
         penalty *= _SHRINK
         w = lasso(gram, slope, penalty, w)
@@ -262,16 +259,11 @@ def sparse_sum(terms: Dictionary, units: float) -> list[str]:
     """
     scale = np.sqrt(np.diag(terms.gram))
     gram, slope = terms.gram / np.outer(scale, scale), terms.slope / scale
-    best: tuple[float, list[int]] = (0.0, [])
+    least, chosen, explained = 0.0, list[int](), np.zeros(0)
     for active in lasso_path(gram, slope):
-        gain = float(slope[active] @ np.linalg.lstsq(gram[np.ix_(active, active)], slope[active], rcond=1e-9)[0])
-        value = len(active) * log(units) - gain
-        if value < best[0]:
-            best = (value, active)
-    if not best[1]:
-        return []
-    weights = np.linalg.lstsq(gram[np.ix_(best[1], best[1])], slope[best[1]], rcond=1e-9)[0]
-    explained = weights * slope[best[1]]
-    order = np.argsort(-explained)
-    kept = [best[1][k] for k in order if explained[k] > _WORTH * explained.sum()]
+        weights = np.linalg.lstsq(gram[np.ix_(active, active)], slope[active], rcond=1e-9)[0]
+        value = len(active) * log(units) - float(slope[active] @ weights)
+        if value < least:
+            least, chosen, explained = value, active, weights * slope[active]
+    kept = (chosen[k] for k in np.argsort(-explained) if explained[k] > _WORTH * explained.sum())
     return list(dict.fromkeys(terms.names[k] for k in kept))

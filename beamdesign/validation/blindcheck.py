@@ -23,24 +23,13 @@ from beamdesign.files import write_whole
 from beamdesign.progress import Progress, end_at_once, silent
 from beamdesign.records import InputError
 from beamdesign.result import picked
+from beamdesign.validation import case_plan
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
-from beamdesign.validation.case_plan import (
-    Planned,
-    Seal,
-    broken,
-    displacements_digest,
-    draw,
-    plan,
-    read_seal,
-    sealed,
-    write_seal,
-)
+from beamdesign.validation.case_plan import Planned, Seal
 from beamdesign.validation.scoring import Outcome, outcome
 
 if TYPE_CHECKING:
     from beamdesign.validation.blindcheck_result import Scored
-
-_DRAWN_BY = "beamdesign.validation.case_plan"
 
 
 @dataclass(frozen=True)
@@ -141,16 +130,14 @@ def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequenc
     Raises:
         InputError: where the folder holds another check.
     """
-    planned = tuple(plan(count, seed) if cases is None else cases)
+    planned = tuple(case_plan.plan(count, seed) if cases is None else cases)
     rows = [asdict(c) | {"names": list(c.names)} for c in planned]
     fields = {"seed": seed, "short": short, "cases": rows}
     check = Check(folder, planned, short, seed)
-    path = check.plan
-    if path.is_file():
-        if json.loads(path.read_text(encoding="utf-8")) != fields:
-            raise InputError(path, [("(plan)", "the folder holds another check; name another folder")])
-    else:
-        write_whole(path, json.dumps(fields, indent=1) + "\n")
+    if not check.plan.is_file():
+        write_whole(check.plan, json.dumps(fields, indent=1) + "\n")
+    elif json.loads(check.plan.read_text(encoding="utf-8")) != fields:
+        raise InputError(check.plan, [("(plan)", "the folder holds another check; name another folder")])
     return check
 
 
@@ -162,15 +149,15 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -
         OSError: where something cannot be written.
     """
     if check.seal.is_file():
-        return read_seal(check.seal)
-    jobs = {case.key: (draw, case, check.short, check.sets, check.answers) for case in check.cases}
+        return case_plan.read_seal(check.seal)
+    jobs = {case.key: (case_plan.draw, case, check.short, check.sets, check.answers) for case in check.cases}
     for key, reason in _done(jobs, _processes(min(workers, len(jobs))), progress, "drawing cases"):
         if reason:
             write_whole(check.folder / "not_drawn" / f"{key}.txt", reason + "\n")
     answers = read_answers(check.answers)
     digests = {key: folder_digest(check.sets / key) for key in answers}
-    seal = sealed(answers, digests, code_digest(_DRAWN_BY))
-    write_seal(seal, check.seal)
+    seal = case_plan.sealed(answers, digests, code_digest(case_plan.__name__))
+    case_plan.write_seal(seal, check.seal)
     return seal
 
 
@@ -186,7 +173,7 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
         rejudge: whether fits of an earlier program count.
     """
     now = program()
-    jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
+    jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in case_plan.read_seal(check.seal).sets}
     pool = _processes(min(workers, len(jobs)), begin_blind, (check.telling,))
     for _ in _done(jobs, pool, progress, "diagnosing"):
         pass
@@ -202,11 +189,11 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Outcome, ...]:
     Raises:
         InputError: where an answer or a data set is not what was sealed, or a case has not been diagnosed.
     """
-    seal = read_seal(check.seal)
+    seal = case_plan.read_seal(check.seal)
     missing = {key for key in seal.answers if not check.place(key).result.is_file()}
     closed = missing if unfinished else set[str]()
     answers = read_answers(check.answers, closed)
-    changed = (key for key in broken(seal, answers) if key not in closed)
+    changed = (key for key in case_plan.broken(seal, answers) if key not in closed)
     problems = [(key, "the answer is not the one that was sealed") for key in changed]
     answered = []
     for key in (key for key in seal.answers if key not in closed):
@@ -227,7 +214,7 @@ def scored(check: Check, unfinished: bool = False) -> "Scored":
     """Open the answers of a check and score them; see `open_all`."""
     from beamdesign.validation.blindcheck_result import Scored  # which draws
 
-    seal, answered = read_seal(check.seal), open_all(check, unfinished)
+    seal, answered = case_plan.read_seal(check.seal), open_all(check, unfinished)
     made = [json.loads(check.place(case.key).result.read_text(encoding="utf-8")) for case in answered]
     length = "short" if check.short else "full"
     setting = {
@@ -264,7 +251,7 @@ def _squares(
         return {}
     with np.load(truth, allow_pickle=False) as held:
         records = dict(held)
-    if displacements_digest(records) != answer["displacements_sha256"]:
+    if case_plan.displacements_digest(records) != answer["displacements_sha256"]:
         problems.append((key, "the noise-free records are not those that were sealed"))
         return {}
     with np.load(check.place(key).predictions, allow_pickle=False) as held:

@@ -56,45 +56,65 @@ class Scored(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that the check has shown, as it stands in result.json."""
-        return result_fields(self.outcomes, self.setting) if self.outcomes else dict(self.setting)
+        if not self.outcomes:
+            return dict(self.setting)
+        large, small = split(self.outcomes)
+
+        def rows(found: Sequence[Score]) -> list[dict[str, Any]]:
+            return [asdict(score) | {"reached": score.reached} for score in found]
+
+        fields = {
+            "setting": dict(self.setting),
+            "scores": rows(scores(large)),
+            "scores_of_rigs": {rig: rows(found) for rig, found in of_rigs(large).items()},
+            "scores_small_gaps": rows(scores(small)) if small else [],
+            "baselines": {name: rows(baseline_scores(name, large)) for name in NAMES},
+            "confusion": confusion(large),
+            "confusion_small_gaps": confusion(small),
+            "reliability": [asdict(b) for b in calibration(large)[0]],
+            "cases": [picked(o, _OF_CASES) | ({"failure": o.failure} if o.failure else {}) for o in self.outcomes],
+        }
+        return dict(finite(fields, digits=4))
 
     def rows(self) -> list[tuple[str, ...]]:
         """Scores beside their targets, of the cases whose gap stands out."""
         return target_rows(scores(split(self.outcomes)[0])) if self.outcomes else []
 
+    def markdown(self) -> str:
+        """The same as a page for people, from the template beside this module."""
+        large, small = split(self.outcomes)
+        given = {
+            "kinds": {kind: sum(o.kind == kind for o in self.outcomes) for kind in SHARES},
+            "small_rows": [row[:4] for row in target_rows([score for score in scores(small) if score.of])],
+            "rig_rows": [
+                (rig, *(f"{s.count} of {s.of}" if s.count is not None else _figure(s, s.value) for s in found))
+                for rig, found in of_rigs(large).items()
+            ],
+            "rig_columns": ("", *OF_RIGS.values()),
+            "target_columns": TARGET_COLUMNS,
+            "baseline_columns": BASELINE_COLUMNS,
+        }
+        own = (scores, confusion, calibration, columns_of, target_rows, baseline_rows)
+        spelt: dict[str, Any] = {
+            "md": lambda cell: in_markdown(str(cell)),
+            "flowed": lambda text: " ".join(text.split()),
+        }
+        template = text_template(Path(__file__).with_name("blindcheck.md.j2"), *own, **spelt)
+        return template.render(given, **vars(self), least=SMALL, large=large, small=small).rstrip() + "\n"
+
     def write(self, folder: Path) -> tuple[Path, ...]:
         """Write result.json, result.md and result.svg, and tell where."""
         paths = folder / "result.json", folder / "result.md"
         write_whole(paths[0], result_text(self.to_dict()))
-        write_whole(paths[1], markdown(self.outcomes, self.setting))
+        write_whole(paths[1], self.markdown())
         return *paths, *save(blindcheck_picture(self.outcomes), folder / "result", ("svg",))
 
 
-def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> dict[str, Any]:
-    """Everything that a check has shown.
-
-    Args:
-        outcomes: of all cases.
-        setting: what the check was: its cases, seed, seal and programs.
-    """
-    large, small = split(outcomes)
-    bins, _ = calibration(large)
-
-    def rows(found: Sequence[Score]) -> list[dict[str, Any]]:
-        return [asdict(score) | {"reached": score.reached} for score in found]
-
-    fields = {
-        "setting": dict(setting),
-        "scores": rows(scores(large)),
-        "scores_of_rigs": {rig: rows(found) for rig, found in of_rigs(large).items()},
-        "scores_small_gaps": rows(scores(small)) if small else [],
-        "baselines": {name: rows(baseline_scores(name, large)) for name in NAMES},
-        "confusion": confusion(large),
-        "confusion_small_gaps": confusion(small),
-        "reliability": [asdict(b) for b in bins],
-        "cases": [case_fields(o) for o in outcomes],
-    }
-    return dict(finite(fields, digits=4))
+_OF_CASES = (
+    "case=key kind rig figures truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
+    " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
+)
+"""What is told of each case."""
 
 
 def result_text(fields: Mapping[str, Any]) -> str:
@@ -110,42 +130,6 @@ def result_text(fields: Mapping[str, Any]) -> str:
         inside = ",\n  ".join(rows)
         parts.append(f"{dumps(key)}: " + (f"{text[0]}\n  {inside}\n {text[-1]}" if rows else text))
     return "{\n " + ",\n ".join(parts) + "\n}\n"
-
-
-def case_fields(o: Outcome) -> dict[str, Any]:
-    """One case in short."""
-    names = (
-        "case=key kind rig figures truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
-        " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
-    )
-    return picked(o, names) | ({"failure": o.failure} if o.failure else {})
-
-
-def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
-    """The same as a page for people, from the template beside this module."""
-    large, small = split(outcomes)
-    given = {
-        "kinds": {kind: sum(o.kind == kind for o in outcomes) for kind in SHARES},
-        "small_rows": [row[:4] for row in target_rows([score for score in scores(small) if score.of])],
-        "rig_rows": [
-            (rig, *(f"{s.count} of {s.of}" if s.count is not None else _figure(s, s.value) for s in found))
-            for rig, found in of_rigs(large).items()
-        ],
-        "rig_columns": ("", *OF_RIGS.values()),
-        "bins": calibration(large)[0],
-        "target_columns": TARGET_COLUMNS,
-        "baseline_columns": BASELINE_COLUMNS,
-    }
-    own = (scores, confusion, columns_of, target_rows, baseline_rows)
-    template = text_template(
-        Path(__file__).with_name("blindcheck.md.j2"),
-        *own,
-        md=lambda cell: in_markdown(str(cell)),
-        ruled=lambda column: "---",
-        flowed=lambda text: " ".join(text.split()),
-    )
-    found = template.render(given, outcomes=outcomes, setting=setting, least=SMALL, large=large, small=small)
-    return found.rstrip() + "\n"
 
 
 OF_RIGS = {
@@ -228,7 +212,7 @@ def _place(label: str) -> tuple[int, str]:
     return (2 if label.startswith("parameter:") and order == 1 else order, label)
 
 
-def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> Axes:
+def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> None:
     """Counts, on a grey that goes with their share of the row; a frame where the name is right."""
     rows = list(matrix)
     named = {name for row in matrix.values() for name in row}
@@ -249,10 +233,9 @@ def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> Axes:
     axes.set_yticks(range(len(rows)), rows, fontsize=7)
     axes.set_xlabel("named first")
     axes.set_title("Truth (rows) and what was named; framed: right", fontsize=9)
-    return axes
 
 
-def draw_reliability(axes: Axes, bins: Sequence[Bin]) -> Axes:
+def draw_reliability(axes: Axes, bins: Sequence[Bin]) -> None:
     """Share of statements that are true over the probability stated, with 95 % bounds."""
     axes.plot((0, 1), (0, 1), color="0.6", linestyle="--", label="calibrated")
     for b in bins:
@@ -262,4 +245,3 @@ def draw_reliability(axes: Axes, bins: Sequence[Bin]) -> Axes:
     axes.set_ylabel("share that is true")
     axes.set_title("Calibration", fontsize=9)
     axes.legend(fontsize=7)
-    return axes

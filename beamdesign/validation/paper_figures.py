@@ -78,25 +78,22 @@ class Drawing:
         self.figure.suptitle(self.title, fontsize=10)
 
 
-def _numbered(number: int) -> Callable[[Callable[[], _Drawn]], Callable[[], Drawing]]:
+def _with_words(number: int, draw: Callable[[], _Drawn]) -> Callable[[], Drawing]:
     """A figure of the paper, with what `paper.toml` says about it; its checks are written below the axes."""
 
-    def with_words(draw: Callable[[], _Drawn]) -> Callable[[], Drawing]:
-        @wraps(draw)
-        def drawn() -> Drawing:
-            figure, known = draw()
-            stated = next(one for one in paper_words()["figures"] if one["number"] == number)
-            checks = tuple(FigureClaim(number, *_checked(check, known)) for check in stated["checks"])
-            lines = [f"{'✓' if c.holds else '✗'} {c.claim}: paper {c.paper}; model {c.model}" for c in checks]
-            figure.supxlabel("\n".join(lines), x=0.02, ha="left", fontsize=7.5, linespacing=1.4)
-            width, height = figure.get_size_inches()
-            figure.set_size_inches(width, height + 0.16 * len(lines))
-            title, caption = f"Figure {number}: {stated['title']}", stated["caption"].format(**known)
-            return Drawing(f"figure_{number:02}", title, stated["claim"], caption, figure, checks)
+    @wraps(draw)
+    def drawn() -> Drawing:
+        figure, known = draw()
+        stated = next(one for one in paper_words()["figures"] if one["number"] == number)
+        checks = tuple(FigureClaim(number, *_checked(check, known)) for check in stated["checks"])
+        lines = [f"{'✓' if c.holds else '✗'} {c.claim}: paper {c.paper}; model {c.model}" for c in checks]
+        figure.supxlabel("\n".join(lines), x=0.02, ha="left", fontsize=7.5, linespacing=1.4)
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + 0.16 * len(lines))
+        title, caption = f"Figure {number}: {stated['title']}", stated["caption"].format(**known)
+        return Drawing(f"figure_{number:02}", title, stated["claim"], caption, figure, checks)
 
-        return drawn
-
-    return with_words
+    return drawn
 
 
 def _checked(check: Sequence[Any], known: Mapping[str, Any]) -> tuple[str, str, str, bool]:
@@ -140,7 +137,6 @@ def _bode(curves: Mapping[str, LoopAtMass], marked_Hz: Sequence[float], words: s
     return figure, magnitude
 
 
-@_numbered(8)
 def root_locus() -> _Drawn:
     """Figure 8."""
     limit = critical_gain(proportional(24.0))
@@ -167,7 +163,6 @@ def root_locus() -> _Drawn:
     }
 
 
-@_numbered(9)
 def proportional_compliance() -> _Drawn:
     """Figure 9."""
     loop = at(proportional(24.0))
@@ -184,7 +179,6 @@ def proportional_compliance() -> _Drawn:
     }
 
 
-@_numbered(10)
 def lag_compliance() -> _Drawn:
     """Figure 10."""
     loop, before = at(lag(300.0)), at(proportional(24.0))
@@ -201,7 +195,6 @@ def lag_compliance() -> _Drawn:
     return figure, known | {"above": above, "no_better": above < 0.5}
 
 
-@_numbered(11)
 def lag_open_loop() -> _Drawn:
     """Figure 11."""
     loop = at(lag(300.0))
@@ -211,7 +204,6 @@ def lag_open_loop() -> _Drawn:
     return figure, {"pole": pole, "zero": zero, "margin": loop.margins().gain_up, "spike": spike, "up": spike > 0}
 
 
-@_numbered(12)
 def loaded_open_loop() -> _Drawn:
     """Figure 12."""
     loop, bare = at(lag(300.0), OUTER_END_MASS_KG), at(lag(300.0))
@@ -238,7 +230,6 @@ def loaded_open_loop() -> _Drawn:
     }
 
 
-@_numbered(13)
 def loaded_compliance() -> _Drawn:
     """Figure 13."""
     bare, limit = (critical_gain_mA_per_V(lag(10.0), mass) for mass in (0.0, OUTER_END_MASS_KG))
@@ -248,7 +239,6 @@ def loaded_compliance() -> _Drawn:
     return figure, reached | {"limit": limit, "lower": bare / limit}
 
 
-@_numbered(14)
 def relieved_compliance() -> _Drawn:
     """Figure 14."""
     limit = critical_gain_mA_per_V(lag(200.0, INNER_END_MASS_KG), OUTER_END_MASS_KG)
@@ -319,7 +309,6 @@ def _tested(rig: Prototype, mass_kg: float, label: str) -> _Drawn:
     }
 
 
-@_numbered(15)
 def measured_compliance() -> _Drawn:
     """Figure 15."""
     figure, known = _tested(filtered(lag(200.0)), 0.0, "lag, 200 mA/V, filter")
@@ -327,7 +316,6 @@ def measured_compliance() -> _Drawn:
     return figure, known | {"unfiltered_2": lead[0], "unfiltered_10": lead[1]}
 
 
-@_numbered(16)
 def measured_loaded_compliance() -> _Drawn:
     """Figure 16."""
     rig = filtered(lag(150.0, INNER_END_MASS_KG))
@@ -358,10 +346,11 @@ def gain_over_mass() -> Drawing:
     )  # fmt: skip
 
 
-DRAWINGS: tuple[Callable[[], Drawing], ...] = (
+_IN_ORDER = (
     root_locus, proportional_compliance, lag_compliance, lag_open_loop, loaded_open_loop, loaded_compliance,
-    relieved_compliance, measured_compliance, measured_loaded_compliance, gain_over_mass,
+    relieved_compliance, measured_compliance, measured_loaded_compliance,
 )  # fmt: skip
+NUMBERED = {number: _with_words(number, draw) for number, draw in enumerate(_IN_ORDER, start=8)}
+"""Figures by their number in the paper."""
+DRAWINGS = (*NUMBERED.values(), gain_over_mass)
 """All figures, in the order of the page."""
-NUMBERED = dict(enumerate(DRAWINGS[:-1], 8))
-"""Those of them that have a number in the paper."""

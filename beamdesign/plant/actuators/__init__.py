@@ -158,6 +158,7 @@ class Actuator(Kinded):
         fed_back: those of its figures that are zero where its drive feeds nothing back by itself.
     """
 
+    known = KINDS
     where_none_is_stated = "servo_cylinder"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     tables: ClassVar[tuple[str, ...]] = ()
@@ -174,11 +175,6 @@ class Actuator(Kinded):
     usual_strength_N: ClassVar[float] = 1000.0
 
     stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
-
-    @classmethod
-    def known(cls) -> "dict[str, type[Actuator]]":
-        """See `Kinded`."""
-        return KINDS
 
     @property
     def rig(self) -> str:
@@ -339,7 +335,8 @@ class WithActuator(Record):
         """The tables are those of its kind of actuator, and all of them; its law hears nothing that it has not."""
         yield from super().relations(table)
         given, usual = table.get("actuator", {}), Actuator.where_none_is_stated
-        kind = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
+        said = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
+        kind = said if isinstance(said, str) else ""  # of which it is told where it stands
         for name in _TABLES if kind in KINDS else ():
             default = cls.model_fields[name].default
             if table.get(name, default) not in (None, default) and name not in KINDS[kind].tables:

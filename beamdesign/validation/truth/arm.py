@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.validation.truth.beams import at_end, tip_slope, twist_modes
-from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.effects import Shape, rounded
 
 Table = dict[str, Any]
 
@@ -46,10 +46,6 @@ def with_arm(table: Table, rng: np.random.Generator) -> Table:
         table: a believed prototype with tips and nothing else.
         rng: drawn from.
     """
-
-    def rounded(value: float) -> float:
-        return float(f"{value:.3g}")
-
     beam = table["outer_beam"]
     length, wall = rounded(rng.uniform(0.95, 1.4)), rounded(rng.uniform(2e-3, 4e-3))
     second_moment = beam["stiffness_N_per_m"] * length**3 / (3 * ALLOY["youngs_modulus_Pa"])
@@ -71,7 +67,7 @@ def with_arm(table: Table, rng: np.random.Generator) -> Table:
         "end_polar_inertia_kg_m2": rounded(module * rng.uniform(0.04, 0.08) ** 2),
         "payload_polar_inertia_kg_m2": rounded(rng.uniform(0.0, 0.02)),
         "torsional_stiffness_N_m_per_rad": rounded(twisted),
-        "torsional_damping_ratio": float(f"{rng.uniform(0.01, 0.05):.2g}"),
+        "torsional_damping_ratio": rounded(rng.uniform(0.01, 0.05), 2),
     }
     share = float(rng.uniform(0.3, 1.0))
     if rng.uniform() < 0.35 and stands != "on":  # else the servo measures on the axis at the tip

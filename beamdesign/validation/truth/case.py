@@ -47,8 +47,7 @@ def _lines(drive: Drive, times: np.ndarray, rng: np.random.Generator) -> np.ndar
     frequencies = np.unique(np.round(np.geomspace(1.0, drive.highest_Hz, 60) * 4)) / 4
     phases = rng.uniform(0, 2 * np.pi, len(frequencies))
     # A line at k/4 Hz repeats after 4 s: one inverse transform of that period holds them all.
-    dt = times[1] - times[0]
-    period = round(4.0 / dt)
+    period = round(4.0 / (times[1] - times[0]))
     spectrum = np.zeros(period // 2 + 1, dtype=complex)
     spectrum[np.round(frequencies * 4).astype(int)] = np.exp(1j * phases)
     wave = np.fft.irfft(spectrum, period)
@@ -350,8 +349,7 @@ def stated(case: Case, departure: Departure) -> dict[str, Any]:
         factor = float(np.exp(departure.severity))
         value = nominal_figures(case.nominal)[departure.figure] * case.factors[departure.figure]
         return {"figure": departure.figure, "factor": factor, "value": value}
-    figures = run_figures(case, case.runs[0])
-    record, modes = assembled(figures)
+    record, modes = assembled(run_figures(case, case.runs[0]))
     values = {name: float(record[name][0]) for name in FIGURES}
     found: dict[str, Any] = KINDS[departure.name].stated(values)
     if departure.name == "second_beam_mode":

@@ -11,7 +11,7 @@ from scipy.linalg import matrix_balance
 
 from beamdesign.validation.truth.arm import with_arm
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, noise_free, relative_floor, relative_gap, take
-from beamdesign.validation.truth.effects import KINDS, Scales, Shape
+from beamdesign.validation.truth.effects import KINDS, Scales, Shape, rounded
 from beamdesign.validation.truth.nominal import Table, assembled, draw_nominal, draw_true, rig_figures, tolerance_of
 from beamdesign.validation.truth.rates import (
     INNER,
@@ -162,7 +162,7 @@ def _bare_case(
     }
     stiffness, volts = nominal["outer_beam"]["stiffness_N_per_m"], nominal["sensor"]["gain_V_per_m"]
     load, command = stiffness / 486800, volts / 1180
-    runs = _runs(nominal, rng, load, command, _SHORT if short else tuple(range(len(_FULL))), rig)
+    runs = _runs(nominal, rng, load, command, short, rig)
     noise = Noise(
         displacement_m=float(rng.uniform(0.3e-6, 0.7e-6)),
         quantum_m=float(rng.choice([1e-7, 2e-7, 3e-7, 5e-7])),
@@ -174,8 +174,7 @@ def _bare_case(
         noise = replace(noise, coloured=float(rng.uniform(0.3, 0.9)), break_Hz=float(np.exp(rng.uniform(3.0, 5.3))))
     if hiss == "outliers":
         noise = replace(noise, outliers=float(rng.uniform(0.3, 2.0)))
-    figures = rig_figures(nominal, factors, habits)
-    scales = Scales(figures, 900 * load, _VALVE_A)
+    scales = Scales(rig_figures(nominal, factors, habits), 900 * load, _VALVE_A)
     case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales, rig=rig)
     large = next(run for run in runs if run.name == "04_disturbance_large")
     current = float(np.std(take(case, large, duration_s=1.5).current))
@@ -185,10 +184,10 @@ def _bare_case(
 
 
 def _runs(
-    nominal: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...], rig: Rig
+    nominal: Table, rng: np.random.Generator, load: float, command: float, short: bool, rig: Rig
 ) -> tuple[Run, ...]:
     payload = round(float(rng.uniform(4.0, 9.0)) * nominal["outer_beam"]["effective_mass_kg"] / 3.9, 1)
-    pole, zero = float(f"{1.75 * rng.uniform(0.7, 1.4):.3g}"), float(f"{26 * rng.uniform(0.8, 1.25):.3g}")
+    pole, zero = rounded(1.75 * rng.uniform(0.7, 1.4)), rounded(26 * rng.uniform(0.8, 1.25))
     fraction = float(rng.uniform(0.3, 0.42))
     rest = rig_figures(nominal, {}, {})
     shape: Table = {"kind": "lag", "pole_Hz": pole, "zero_Hz": zero}
@@ -202,18 +201,15 @@ def _runs(
         table: dict[str, Any] = {"kind": kind, "gain_A_per_V": 1.0} | (shape if kind == "lag" else {})
         masses = {"outer_end_mass": payload, "inner_end_mass": added} if loaded else {}
         law = controller_figures(table)
-        record, modes = assembled(rest | law | masses)
-        gain = fraction * linear_critical_gain(record, modes)
+        gain = fraction * linear_critical_gain(*assembled(rest | law | masses))
         if rig == "ball_screw":  # long before it oscillates, the largest command asks for more than a drive gives
             gain = min(gain, _MOTOR_A / (0.25 * command * abs(law["law"][-1, -1])))
-        controllers[kind, loaded] = table | {"gain_A_per_V": float(f"{gain:.3g}")}
+        controllers[kind, loaded] = table | {"gain_A_per_V": rounded(gain)}
     runs = []
-    for index in chosen:
-        name, channel, wave, size, highest, kind, loaded = _FULL[index]
+    for name, channel, wave, size, highest, kind, loaded in [_FULL[k] for k in _SHORT] if short else _FULL:
         scale = load if channel == "disturbance_N" else command
-        drive = Drive(channel, wave, float(f"{size * scale:.3g}"), highest, int(rng.integers(2**31)))  # type: ignore[arg-type]
-        masses_kg = (payload, added) if loaded else (0.0, 0.0)
-        runs.append(Run(name, drive, controllers[kind, loaded], *masses_kg))
+        drive = Drive(channel, wave, rounded(size * scale), highest, int(rng.integers(2**31)))  # type: ignore[arg-type]
+        runs.append(Run(name, drive, controllers[kind, loaded], *((payload, added) if loaded else (0.0, 0.0))))
     return tuple(runs)
 
 
@@ -226,7 +222,7 @@ def _section(rng: np.random.Generator) -> Table:
     pole = zero * float(np.exp(rng.uniform(-0.5, 0.5)))
     damping = np.exp(rng.uniform(np.log([0.15, 0.15]), np.log([1.2, 2.0])))
     figures = {"zero_Hz": zero, "zero_damping_ratio": damping[0], "pole_Hz": pole, "pole_damping_ratio": damping[1]}
-    return {name: float(f"{value:.3g}") for name, value in figures.items()}
+    return {name: rounded(value) for name, value in figures.items()}
 
 
 def _observer(rest: Shape, rng: np.random.Generator) -> Table:
@@ -259,8 +255,7 @@ def _added_mass(rest: Shape, shape: Table, payload: float) -> float:
     law = controller_figures({"gain_A_per_V": 1.0} | shape)
 
     def gain(added: float) -> float:
-        record, modes = assembled(rest | law | {"outer_end_mass": payload, "inner_end_mass": added})
-        return linear_critical_gain(record, modes)
+        return linear_critical_gain(*assembled(rest | law | {"outer_end_mass": payload, "inner_end_mass": added}))
 
     return max((round(float(share * payload), 1) for share in np.linspace(0.2, 1.4, 13)), key=gain)
 

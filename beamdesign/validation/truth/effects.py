@@ -12,6 +12,11 @@ Shape = dict[str, Any]
 """Figures by name; all but a law's matrices are single numbers."""
 
 
+def rounded(value: float, digits: int = 3) -> float:
+    """As a person states it: to so many significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
 @dataclass(frozen=True)
 class Scales:
     """Magnitudes of one rig by which effects are sized.
@@ -107,18 +112,15 @@ def _stated_spool(f: Mapping[str, float]) -> Shape:
 def _mount(scales: Scales, shape: Shape, severity: float) -> Shape:
     stiffness = 10 * scales.figures["modes.stiffness"] / severity
     rate = 2 * pi * shape["hertz"]
-    mass = stiffness / rate**2
-    slide = stiffness * shape["slide"]
-    slide_rate = rate * shape["slide_rate"]
-    slide_mass = slide / slide_rate**2
+    slide, slide_rate = stiffness * shape["slide"], rate * shape["slide_rate"]
     return {
         "mount_on": 1.0,
         "mount_stiffness": stiffness,
-        "mount_mass": mass,
+        "mount_mass": stiffness / rate**2,
         "mount_damping": 2 * shape["zeta"] * stiffness / rate,
         "mount_inner_ratio": shape["inner_ratio"],
         "slide_stiffness": slide,
-        "slide_mass": slide_mass,
+        "slide_mass": slide / slide_rate**2,
         "slide_damping": 2 * shape["zeta"] * slide / slide_rate,
         "sensor_on_mount": shape["sensor_on_mount"],
     }
@@ -159,8 +161,7 @@ def _appendage(inner: float, scales: Scales, shape: Shape, severity: float) -> S
 
 
 def _loss(scales: Scales, shape: Shape, severity: float) -> Shape:
-    spring = 0.05 * severity * scales.figures["modes.stiffness"]
-    return {f"loss_{k}": spring for k in (1, 2, 3, 4)}
+    return dict.fromkeys(("loss_1", "loss_2", "loss_3", "loss_4"), 0.05 * severity * scales.figures["modes.stiffness"])
 
 
 def _log(low: float, high: float) -> Callable[[np.random.Generator], float]:

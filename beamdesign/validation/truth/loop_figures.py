@@ -12,7 +12,7 @@ from scipy.signal import detrend
 
 from beamdesign.files import write_whole
 from beamdesign.validation.truth.case import Case, Run, run_figures, step_of
-from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.effects import Shape, rounded
 from beamdesign.validation.truth.nominal import assembled
 from beamdesign.validation.truth.rig import SAMPLE_S, Motion, march
 
@@ -51,7 +51,7 @@ def loop_figures(case: Case, folder: Path) -> dict[str, list[dict[str, Any]]]:
             responses.append({"file": file, "amplitude_N": amplitude_of(run)} | run.setting)
     for run, (gain, hertz) in raised:
         law = {key: value for key, value in run.controller.items() if key != "gain_A_per_V"}
-        at = {"gain_A_per_V": float(f"{gain:.3g}"), "relative_std": GAIN_STD, "frequency_Hz": float(f"{hertz:.3g}")}
+        at = {"gain_A_per_V": rounded(gain), "relative_std": GAIN_STD, "frequency_Hz": rounded(hertz)}
         gains.append(run.setting | {"controller": law} | at)
     return {"frequency_response": responses, "critical_gain": gains}
 
@@ -87,11 +87,9 @@ def measured(case: Case) -> tuple[Swept, Raised]:
         frequency of every loop that comes to oscillate.
     """
     rng = np.random.default_rng([case.seed, 4])
-    forced, loops = dict[str, Run](), dict[str, Run]()
-    for run in sorted(case.runs, key=lambda run: run.drive.size):
-        loops[str(run.setting)] = run
-        if run.drive.channel == "disturbance_N" and run.drive.shape == "lines":
-            forced[str(run.setting)] = run
+    runs = sorted(case.runs, key=lambda run: run.drive.size)
+    forces = [run for run in runs if run.drive.channel == "disturbance_N" and run.drive.shape == "lines"]
+    forced, loops = ({str(run.setting): run for run in of} for of in (forces, runs))
     swept = [(run, compliance(case, run, amplitude_of(run), rng)) for run in forced.values()]
     raised = []
     for run in loops.values():
@@ -103,7 +101,7 @@ def measured(case: Case) -> tuple[Swept, Raised]:
 
 def amplitude_of(run: Run) -> float:
     """Of the sines of a response of the loop of a record, N."""
-    return float(f"{AMPLITUDE_SHARE * run.drive.size:.3g}")
+    return rounded(AMPLITUDE_SHARE * run.drive.size)
 
 
 def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generator) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdesign.validation.truth import arm
 from beamdesign.validation.truth.beams import at_end, outer_modes
-from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.effects import Shape, rounded
 
 MODES = 4
 """Most bending modes of the outer beam that the equations carry."""
@@ -227,10 +227,6 @@ _TURN = {"_Hz": 2 * pi, "lead_m": 1 / (2 * pi)}
 """Figures that are stated per turn, by the end of their key, become figures per radian."""
 
 
-def _rounded(value: float, digits: int = 3) -> float:
-    return float(f"{value:.{digits}g}")
-
-
 def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Table:
     """A believed prototype as nested tables: around the published rig, from half to twice its figures.
 
@@ -241,9 +237,9 @@ def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Ta
     """
 
     def about(value: float, factor: float) -> float:
-        return _rounded(value * exp(rng.uniform(-np.log(factor), np.log(factor))))
+        return rounded(value * exp(rng.uniform(-np.log(factor), np.log(factor))))
 
-    damping = _rounded(rng.uniform(0.02, 0.06), 2)
+    damping = rounded(rng.uniform(0.02, 0.06), 2)
     size = exp(rng.uniform(np.log(0.6), np.log(1.4)))
     table: Table = {
         "name": name,
@@ -260,10 +256,10 @@ def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Ta
             "flow_gain_m3_per_s_per_A": about(0.0113 * size, 1.3),
             "leakage_m3_per_s_per_Pa": about(3.8e-13 * size, 1.4),
             "natural_frequency_Hz": about(150, 1.4),
-            "damping_ratio": _rounded(rng.uniform(0.45, 0.8), 2),
+            "damping_ratio": rounded(rng.uniform(0.45, 0.8), 2),
         },
         "sensor": {"gain_V_per_m": about(1180, 1.5)},
-        "tolerance": {key: _rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in TOLERANCE.items()},
+        "tolerance": {key: rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in TOLERANCE.items()},
     }
     if rng.uniform() < 0.1:
         table["sensor"]["filter_Hz"] = about(500, 1.3)
@@ -283,9 +279,9 @@ def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Ta
         loop = 2 * pi * about(120, 1.25)  # the break of the speed loop is what a drive is set to
         own = table["actuator"]
         feedback = loop * own["rotor_inertia_kg_m2"] / own["torque_constant_N_m_per_A"]
-        own["speed_feedback_A_s_per_rad"] = _rounded(feedback)
+        own["speed_feedback_A_s_per_rad"] = rounded(feedback)
         kept = {key: value for key, value in table["tolerance"].items() if key in _SHARED}
-        drawn = {key: _rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in _OF_SCREWS.items()}
+        drawn = {key: rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in _OF_SCREWS.items()}
         table["tolerance"] = kept | drawn
     return table
 

@@ -300,12 +300,10 @@ def march(
     state = np.zeros(STATES) if start is None else np.asarray(start, dtype=float)
     given = np.zeros(steps + 1, dtype=np.bool_) if lost is None else lost
     ends = np.ascontiguousarray(modes if len(modes) > AT_TIP else at_end(modes))
-    stride = round(SAMPLE_S / step_s)
-    out, bounded = _march(figures, ends, np.ascontiguousarray(inputs), given, step_s, stride, state)
-    volts_per_m = figures["believed_sensor_gain"][0]
-    times = np.arange(out.shape[0]) * SAMPLE_S
+    out, bounded = _march(figures, ends, np.ascontiguousarray(inputs), given, step_s, round(SAMPLE_S / step_s), state)
     current, fed_back, pressure, inner, outer, force = out.T
-    return Motion(times, current, fed_back / volts_per_m, pressure, inner, outer, force, bounded)
+    times, displacement = np.arange(len(out)) * SAMPLE_S, fed_back / figures["believed_sensor_gain"][0]
+    return Motion(times, current, displacement, pressure, inner, outer, force, bounded)
 
 
 @dataclass(frozen=True)
