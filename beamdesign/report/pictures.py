@@ -87,19 +87,18 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         found = figure.subplots(rows, columns, sharex=True, sharey=columns > 1, squeeze=False)
         return [axes for row in found for axes in row]
 
-    guarantee = prototype.guarantee
-    promised = guarantee.bandwidth_Hz if guarantee and guarantee.outer_end_mass_kg == bounds else None
+    proved = own if (own := prototype.guarantee) and own.outer_end_mass_kg == bounds else None
     caption = (
         "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
         " tip; dots where each curve first passes the limit. In colour, with the largest mass: the same rig with its"
         " servo off, which asks for no current; and, where sections are stated, one tube of the outer one's width,"
         " material and length that weighs as much as both tubes together."
     )
-    if promised is not None and guarantee:
+    if proved is not None:
         caption += (
-            f" The thick line is proved for {rigs_in_words(guarantee.sigmas)}: with the servo on and every mass of"
-            f" {span} no curve passes above it, up to {stated_bandwidth(promised)}; of the law and the figures that"
-            f" stand in {guarantee.certificate}."
+            f" The thick line is proved for {rigs_in_words(proved.sigmas)}: with the servo on and every mass of"
+            f" {span} no curve passes above it, up to {stated_bandwidth(proved.bandwidth_Hz)}; of the law and the"
+            f" figures that stand in {proved.certificate}."
         )
     if len(ends) > 1:
         caption += f" Shaded: between the least and the largest at {FAMILY} masses of the range, drawn and not proved."
@@ -109,9 +108,9 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         figures.shade_compliance(axes, family, f"{FAMILY} masses of {span}")
     figures.plot_compliance(axes, curves, goal.compliance_m_per_N, beside=figures.passive_curves(prototype, bounds[1]))
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    if promised is not None:
-        proved = [axes.get_xlim()[0], promised], [goal.compliance_m_per_N] * 2
-        axes.plot(*proved, color="black", linewidth=3, solid_capstyle="butt")
+    if proved is not None:
+        line = [axes.get_xlim()[0], proved.bandwidth_Hz], [goal.compliance_m_per_N] * 2
+        axes.plot(*line, color="black", linewidth=3, solid_capstyle="butt")
 
     (axes,) = framed("sensitivity", 75, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help.")
     figures.plot_sensitivity(axes, curves, goal.peak_sensitivity)
@@ -124,11 +123,11 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     figures.plot_loop_bode(upper, lower, curves, marked=[f"{decimal(mass)} kg" for mass in bounds])
 
     caption = "L of the nominal rig about the point -1, marked +; dots: nearest to it, 1 over the peak sensitivity."
-    peak = guarantee.peak_sensitivity if promised is not None and guarantee else goal.peak_sensitivity
-    if promised is not None and guarantee and peak > 1:
+    peak = goal.peak_sensitivity if proved is None else proved.peak_sensitivity
+    if proved is not None and peak > 1:
         gain, phase = (decimal(one, 3, ROUND_FLOOR) for one in (peak / (peak - 1), degrees(2 * asin(0.5 / peak))))
         caption += (
-            f" Shaded: no L enters this disc, proved for {rigs_in_words(guarantee.sigmas)} and every mass of {span}; so"
+            f" Shaded: no L enters this disc, proved for {rigs_in_words(proved.sigmas)} and every mass of {span}; so"
             f" each has a gain margin of at least {gain} and a phase margin of at least {phase}°."
         )
     (axes,) = framed("nyquist", 82, caption)
@@ -330,15 +329,14 @@ def plot_pole_paths(
         reach_Hz: distance from the origin up to which poles are drawn.
         count: masses at which poles are computed.
     """
-    paths = [loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count)]
+    whole = (loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count))
+    paths = [poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)] for poles in whole]
     track = np.concatenate(paths)
-    track = track[(track.imag >= 0) & (np.abs(track) <= reach_Hz)]
     axes.plot(track.real, track.imag, ".", color="0.45", markersize=2.5)
     ends = {low_kg: (paths[0], "o")} | ({high_kg: (paths[-1], "s")} if high_kg > low_kg else {})
     for mass, (poles, marker) in ends.items():
-        upper = poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)]
-        (marks,) = axes.plot(upper.real, upper.imag, marker, color="black", label=f"{mass:g} kg")
-        marks.set(markersize=5, fillstyle="none")
+        style: dict[str, Any] = {"color": "black", "markersize": 5, "fillstyle": "none"}
+        axes.plot(poles.real, poles.imag, marker, label=f"{mass:g} kg", **style)
     axes.axvline(0.0, **LIMIT)
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
     return finish(axes, "real part, Hz (stable to the left of the line)", "imaginary part, Hz")
