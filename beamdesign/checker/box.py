@@ -9,16 +9,7 @@ from itertools import pairwise
 
 from flint import acb, arb, ctx, fmpq, fmpq_mpoly
 
-from beamdesign.checker.box_loop import (
-    alike,
-    at_member,
-    characteristic,
-    figures,
-    of_rig,
-    opens_stable,
-    spans_of,
-    words_of,
-)
+from beamdesign.checker.box_loop import alike, at_member, characteristic, figures, of_rig, opens_stable, spans, words_of
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS, Multiplier
 from beamdesign.checker.reading import Table, Unreadable, judged, short, span
@@ -138,7 +129,7 @@ class Claim:
 
         Of the outer end mass they may be less than the box, which is stated.
         """
-        own, asked = {*self.expression.own.keys}, _performing(rig)
+        own, asked = {*self.expression.own.keys}, spans(rig, performing=True)
         if self.kind == "gain_margin":
             low, high = self.whole.get("controller_gain", (fmpq(-1), fmpq(0)))
             asked = {"controller_gain": (low * self.limit, high)}
@@ -189,12 +180,6 @@ def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:
     centre, radius = expression.circle or (fmpq(0), fmpq(0))
     slope = at_zero[1] - at_zero[0]
     return bool(abs(at_zero[0] + centre * slope) > radius * abs(slope))
-
-
-def _performing(rig: Rig) -> dict[str, Pair]:
-    """Of what effects span the part at which more than stability is asked."""
-    spans = {name: rig.effects[k].spans[key].performing for name, (k, key) in spans_of(rig).items()}
-    return spans | {"effect_gain": rig.gain(performing=True)}
 
 
 def is_stable(expression: Expression, member: dict[str, fmpq]) -> bool | None:

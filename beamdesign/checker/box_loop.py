@@ -13,7 +13,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED, decimal
-from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
+from beamdesign.checker.mechanics import Elements, Number, Parts
 from beamdesign.checker.reading import Table, Unreadable, rational, short, span
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, refuse_size, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
@@ -42,9 +42,9 @@ _HALVINGS = 40
 
 def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[bool, str]]:
     """That the expression is that of the rig's loop, and what each range is of the rig's own figure."""
-    own, spans = figures(rig), spans_of(rig)
+    own, made = figures(rig), spans(rig)
     left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
-    needed = {*left, *spans, *(("effect_gain",) if rig.gain() != ONCE else ())}
+    needed = {*left, *made}
     if wrong := sorted(expression.ranges.keys() - own.keys() - needed | needed - expression.ranges.keys()):
         raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
     negative = (name for name in expression.ranges if name in (*left, *own) and expression.ranges[name][0] < 0)
@@ -55,13 +55,12 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
         if name in own and not ends[0] <= own[name] <= ends[1]:
             yield False, f"{name}: the rig's own, {short(own[name])}, is not within {words_of(ends)}"
         elif ends[0] < ends[1] or name in needed:
-            share = f"{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
+            share = f"{_share(name, ends, own, deviations)}{_of_effects(name, made)}"
             yield True, f"{'for every' if ends[0] < ends[1] else 'with'} {name} {words_of(ends)}{share}"
-    made = {name: rig.effects[k].spans[key].ends for name, (k, key) in spans.items()} | {"effect_gain": rig.gain()}
-    for name in needed & made.keys():
+    for name, whole in made.items():
         low, high = expression.ranges[name]
-        if not low <= made[name][0] <= made[name][1] <= high:
-            words = f"{words_of((low, high))} leaves out some of {span(made[name])} that effects make of it"
+        if not low <= whole[0] <= whole[1] <= high:
+            words = f"{words_of((low, high))} leaves out some of {span(whole)} that effects make of it"
             yield False, f"{name}: {words}"
     proved = alike(expression, characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
@@ -82,7 +81,14 @@ def figures(rig: Rig) -> dict[str, fmpq]:
     return found
 
 
-def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
+def spans(rig: Rig, performing: bool = False) -> dict[str, Pair]:
+    """What effects make of each span and of the gain, by name in a box, or where of it more than stability is asked."""
+    own = {name: rig.effects[k].spans[key] for name, (k, key) in _places(rig).items()}
+    found = {name: one.performing if performing else one.ends for name, one in own.items()}
+    return found | ({"effect_gain": rig.gain(performing)} if rig.gain() != ONCE else {})
+
+
+def _places(rig: Rig) -> dict[str, tuple[int, str]]:
     """Spans of effects by their names in a box: which effect's, and which."""
     found: dict[str, tuple[int, str]] = {}
     for k, effect in enumerate(rig.effects):
@@ -155,9 +161,8 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
     def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
         return _polynomial(coefficients, variable["s"])
 
-    figure = {key: value[without_unit(key)] for key in rig.figures}
-    elements = _elements(rig, expression, value)
-    refuse_size(elements, law)
+    parts = Parts({key: value[without_unit(key)] for key in rig.figures}, _elements(rig, expression, value), ring)
+    refuse_size(parts.elements, law)
     if {"controller_zero", "controller_pole"} & expression.ranges.keys():
         zero, pole, gain = (value[f"controller_{name}"] for name in ("zero", "pole", "gain"))
         numerators = {SENSED[0]: ring([gain * pole * zero, gain * pole])}
@@ -167,15 +172,14 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
         numerators = {name: share * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
-    disturbed = claim.endswith("compliance")
-    at = mechanics(figure, elements, masses, list(numerators), ring, disturbed, bool(place))
-    around, back = electronics(figure, elements, numerators, denominator, ring)
+    at = parts.mechanics(masses, list(numerators), claim.endswith("compliance"), bool(place))
+    around, back = parts.electronics(numerators, denominator)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = times(at.determinant, around)
     loop = factor * sum((times(by, at.sensed[name]) for name, by in back.items()), none)
     if place:
         own = factor * times(back[SENSED[0]], at.sensed[SENSED[0]])
-        known = strayed(figure, elements, at.strayed, around, own, len(numerators) == 1, ring)
+        known = parts.strayed(at.strayed, around, own, len(numerators) == 1)
         if place not in known:
             raise Unreadable("what such an error does to the tip is not known of this rig")
         above = known[place]
@@ -201,7 +205,7 @@ def _names(expression: Expression) -> Iterator[str]:
 
 def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> Elements:
     """Those of all effects over their spans; what has to be positive is so at all corners, hence between."""
-    places = [(name, *place) for name, place in spans_of(rig).items()]
+    places = [(name, *place) for name, place in _places(rig).items()]
     fixed = [{name: span.ends[0] for name, span in effect.spans.items()} for effect in rig.effects]
     ends = [sorted({*expression.ranges[name]}) for name, _, _ in places]
     if sum(len(pair) - 1 for pair in ends) > MOST_MEMBERS.bit_length() - 1:
@@ -292,14 +296,10 @@ def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[s
     return words
 
 
-def _of_span(name: str, rig: Rig, spans: Mapping[str, tuple[int, str]]) -> str:
+def _of_effects(name: str, made: Mapping[str, Pair]) -> str:
     """What the effects themselves allow."""
-    if name == "effect_gain":
-        return f", of {words_of(rig.gain())} that its effects make of it"
-    if name not in spans:
-        return ""
-    k, key = spans[name]
-    return f", of {words_of(rig.effects[k].spans[key].ends)} that the effect makes of it"
+    maker = "its effects make" if name == "effect_gain" else "the effect makes"
+    return f", of {words_of(made[name])} that {maker} of it" if name in made else ""
 
 
 def deviations_of(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:

@@ -95,8 +95,8 @@ class Expression:
                 raise Unreadable(f"there are two groups {name}")
             self.groups[name] = group.word("kind", "sum", "product"), group.words("members")
         self.variables = self.merged(self.ranges) | ({UNKNOWN: (fmpq(0), fmpq(1))} if circle else {})
-        texts, body = table.optional("leaf"), _text(table, "p")
-        leaves = {_name(name, texts): _text(texts, name) for name in texts.keys} or {"p": body}
+        texts, body = table.optional("leaf"), table.word("p", longest=LONGEST_EXPRESSION)
+        leaves = {_name(one, texts): texts.word(one, longest=LONGEST_EXPRESSION) for one in texts.keys} or {"p": body}
         delays = table.optional("delay")
         late = {_name(name, delays): delays.word(name) for name in delays.keys}
         self.delay = next(iter(late.values()), None)
@@ -257,13 +257,6 @@ class Expression:
 def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
     """The highest power of each variable."""
     return {name: max(term.powers.get(name, 0) for term in terms) for name in names}
-
-
-def _text(table: Table, key: str) -> str:
-    value = table.take(key)
-    if not isinstance(value, str) or len(value) > LONGEST_EXPRESSION:
-        raise Unreadable(f"{table.place_of(key)} must be a text of at most {LONGEST_EXPRESSION} characters")
-    return value
 
 
 def _name(name: str, table: Table) -> str:

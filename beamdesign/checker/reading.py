@@ -120,11 +120,11 @@ class Table:
             raise Unreadable(f"{self.place_of(key)} must be a range [least, most]{bound}")
         return values[0], values[1]
 
-    def word(self, key: str, *among: str) -> str:
+    def word(self, key: str, *among: str, longest: int = LONGEST_WORDS) -> str:
         """A text, one of some where they are given."""
         value = self.take(key)
-        if not isinstance(value, str) or len(value) > LONGEST_WORDS:
-            raise Unreadable(f"{self.place_of(key)} must be a text of at most {LONGEST_WORDS} characters")
+        if not isinstance(value, str) or len(value) > longest:
+            raise Unreadable(f"{self.place_of(key)} must be a text of at most {longest} characters")
         if among and value not in among:
             raise Unreadable(f"{self.place_of(key)} {value[:60]!r} is not known here; known are {', '.join(among)}")
         return value
