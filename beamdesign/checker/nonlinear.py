@@ -119,17 +119,16 @@ def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
 def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
     place = table.word("place", *PLACES) if "place" in table else "law"
-    proved = all(_comes_to_rest(loop, multiplier, margin, masses, place) for loop in loops)
+
+    def fits(loop: Loop) -> bool:
+        """Whether the theorem holds of it: stable without and with feedback, L falling off, and the real part."""
+        (denominator, closed), by = loop.cut(place), (multiplier.above, multiplier.below)
+        falls = max(p.degree() for p in plus(closed, denominator, -1)) < denominator[0].degree()
+        stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
+        return falls and stable and _real_part_above(closed, denominator, by, margin, masses)
+
     words = f"{multiplier.characteristics(PLACES[place])}, {len(loops)} loops, margin {short(margin, up=False)}"
-    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}")
-
-
-def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair, place: str) -> bool:
-    """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
-    (denominator, closed), by = loop.cut(place), (multiplier.above, multiplier.below)
-    falls = max(p.degree() for p in plus(closed, denominator, -1)) < denominator[0].degree()
-    stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
-    return falls and stable and _real_part_above(closed, denominator, by, margin, masses)
+    return judged(all(map(fits, loops)), f"{words}: Zames and Falb's multiplier of {multiplier.words}")
 
 
 def _real_part_above(
@@ -182,20 +181,20 @@ _WHOSE = {"volts": "sensor's", "flow": "valve's"}
 def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     place, margin = table.word("place", *_WHOSE), table.at_least("margin", 0, above=True)
     factors = table.range("gain", least=0)
-    proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
+
+    def fits(loop: Loop) -> bool:
+        """Whether the circle criterion holds of it, cut at the place."""
+        denominator, numerator = loop.loop_denominator, loop.loop_numerator
+        if place == "volts":  # what is fed back beside stays closed
+            denominator, numerator = plus(loop.closed, loop.displacement, -1), loop.displacement
+        low, high = (plus(denominator, numerator, g) for g in factors)
+        falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
+        stable = falls and Family(*low).is_stable_over(*masses)
+        return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
+
     words = f"stable while the {_WHOSE[place]} gain changes in any way between {span(factors, ' and ')} times its own"
+    proved = all(map(fits, loops))
     return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin, up=False)}")
-
-
-def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: Pair) -> bool:
-    """Whether the circle criterion holds of a loop, cut at a place."""
-    denominator, numerator = loop.loop_denominator, loop.loop_numerator
-    if place == "volts":  # what is fed back beside stays closed
-        denominator, numerator = plus(loop.closed, loop.displacement, -1), loop.displacement
-    low, high = (plus(denominator, numerator, g) for g in factors)
-    falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
-    stable = falls and Family(*low).is_stable_over(*masses)
-    return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
 
 
 # Both at once.
@@ -204,46 +203,41 @@ def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: P
 def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     place, factors, multiplier = table.word("place", *_WHOSE), table.range("gain", least=0), Multiplier(table)
     margin, weight = (table.at_least(key, 0, above=True) for key in ("margin", "weight"))
-    if factors[0] == 0:
+    (least, most), by = factors, (multiplier.above, multiplier.below)
+    if least == 0:
         raise Unreadable(f"{table.place_of('gain')} must be above zero")
-    proved = not multiplier.odd and all(
-        _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
-    )
+
+    def fits(loop: Loop) -> bool:
+        """Whether the inequality of both holds of it, and what that presupposes."""
+        denominator, numerator, own = loop.loop_denominator, loop.loop_numerator, loop.displacement
+        if place == "flow":
+            own = numerator
+            if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
+                raise Unreadable("the spool is not a part of this loop")
+            onto, back = [most * part * loop.spool(-S) for part in own], [part / loop.spool for part in denominator]
+            slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
+        else:
+            above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
+            pairs = (own, above), (denominator, below)
+            if any(divmod(part, factor)[1] != 0 for parts, factor in pairs for part in parts):
+                raise Unreadable("the controller is not a part of this loop")
+            onto = [most * above * (part / below)(-S) for part in denominator]
+            back = [below * (part / above)(-S) for part in own]
+            slow = above.degree() - below.degree()
+        looped, share = plus(numerator, own, least - 1), 1 - least / most
+        falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
+        less = plus((share * by[0] * onto[0], share * by[0] * onto[1]), (by[1] * back[0], by[1] * back[1]), -weight)
+        stable = falls and Family(*denominator).is_stable_over(*masses)
+        closed = plus(denominator, looped)
+        return stable and _real_part_above(closed, denominator, by, margin, masses, 4 * weight, less)
+
+    proved = not multiplier.odd and all(map(fits, loops))
     words = (
         f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the {_WHOSE[place]}"
         f" gain changes between {span(factors, ' and ')} times its own, about zero current without command and load, or"
         f" under constant ones where that gain is static too, {len(loops)} loops, margin {short(margin, up=False)}"
     )
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}")
-
-
-def _both_fit(
-    loop: Loop, place: str, factors: Pair, multiplier: Multiplier, weight: fmpq, margin: fmpq, masses: Pair
-) -> bool:
-    """Whether the inequality of both holds of a loop, and what it presupposes."""
-    (least, most), denominator, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
-    if place == "flow":
-        own = numerator
-        if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
-            raise Unreadable("the spool is not a part of this loop")
-        onto, back = [most * part * loop.spool(-S) for part in own], [part / loop.spool for part in denominator]
-        slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
-    else:
-        above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
-        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in denominator):
-            raise Unreadable("the controller is not a part of this loop")
-        onto = [most * above * (part / below)(-S) for part in denominator]
-        back = [below * (part / above)(-S) for part in own]
-        slow = above.degree() - below.degree()
-    looped, by = plus(numerator, own, least - 1), (multiplier.above, multiplier.below)
-    falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
-    share = 1 - least / most
-    less = plus((share * by[0] * onto[0], share * by[0] * onto[1]), (by[1] * back[0], by[1] * back[1]), -weight)
-    return (
-        falls
-        and Family(*denominator).is_stable_over(*masses)
-        and _real_part_above(plus(denominator, looped), denominator, by, margin, masses, 4 * weight, less)
-    )
 
 
 # Errors that are bounded.
