@@ -150,7 +150,9 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
     """The opened loop, what feedback adds to it, and what the unknown adds."""
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
-    context = fmpq_mpoly_ctx.get(list(_names(expression)), "lex")
+    special = [expression.transport] * bool(expression.transport) + [UNKNOWN] * bool(expression.circle)
+    varying = (name for name, (low, high) in expression.ranges.items() if low < high)
+    context = fmpq_mpoly_ctx.get(["s", *special, *varying], "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     none = context.constant(0)
     unknown = variable.get(UNKNOWN, none)
@@ -191,16 +193,6 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
         crossed = sum((times(by, at.crossed[name]) for name, by in back.items()), none)
         above = times(at.moved, around) + factor * crossed
     return forward, loop, unknown * above
-
-
-def _names(expression: Expression) -> Iterator[str]:
-    """Variables: s, the delay's exponential, and the parameters that vary, which do not stand for anything else."""
-    yield "s"
-    if expression.transport:
-        yield expression.transport
-    if expression.circle:
-        yield UNKNOWN
-    yield from (name for name, (low, high) in expression.ranges.items() if low < high)
 
 
 def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> Elements:

@@ -44,19 +44,13 @@ def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> I
     if len(tables) > MOST_STATEMENTS:
         raise Unreadable(f"it states more than {MOST_STATEMENTS} things of nonlinear loops")
     for table in tables:
-        chosen = _of(table, loops)
-        held, words = _STATED[table.word("kind", *_STATED)](table, chosen, masses)
-        if len(chosen) < len(loops):
-            words += f"; of loops {', '.join(map(str, table.entries('loops')))} of {len(loops)} alone"
+        numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
+        if not numbers or sorted(set(numbers)) != numbers:
+            raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
+        held, words = _STATED[table.word("kind", *_STATED)](table, [loops[k - 1] for k in numbers], masses)
+        if len(numbers) < len(loops):
+            words += f"; of loops {', '.join(map(str, numbers))} of {len(loops)} alone"
         yield held, words
-
-
-def _of(table: Table, loops: Sequence[Loop]) -> list[Loop]:
-    """The loops that a statement is about, by their numbers from 1."""
-    numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
-    if not numbers or sorted(set(numbers)) != numbers:
-        raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
-    return [loops[k - 1] for k in numbers]
 
 
 class Multiplier:

@@ -251,23 +251,14 @@ class Function:
         """Whether it falls as exp(-2 decay t) at all masses while they change at one rate, payload at rest or not."""
 
         def fall(mass: fmpq) -> fmpq_mat:
-            total, p = loop.bare_mass + mass, self.at(mass)
-            rise = _both(loop.matrix(mass), p) + p * (2 * decay) + self.slope(mass) * rate
-            return (_both(_velocity(loop.order), p) * rate if resting else p * 0) - rise * total
+            total, p, n = loop.bare_mass + mass, self.at(mass), loop.order
+            product = p * loop.matrix(mass)
+            rise = product + product.transpose() + p * (2 * decay) + self.slope(mass) * rate
+            # D P + P D, where D picks out the velocity of the tip
+            joined = [p[i, j] * ((i == VELOCITY) + (j == VELOCITY)) for i in range(n) for j in range(n)]
+            return fmpq_mat(n, n, joined) * (rate if resting else NONE) - rise * total
 
         return positive_between(fall, self.degree + 1, *masses)
-
-
-def _both(left: fmpq_mat, p: fmpq_mat) -> fmpq_mat:
-    product = p * left
-    return product + product.transpose()
-
-
-def _velocity(order: int) -> fmpq_mat:
-    """D, which picks out the velocity of the tip."""
-    pick = fmpq_mat(order, order)
-    pick[VELOCITY, VELOCITY] = fmpq(1)
-    return pick
 
 
 Proved = tuple[str, bool]

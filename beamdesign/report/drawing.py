@@ -164,7 +164,10 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     back = min(outer.back, inner.back)
     room = max(outer.depth, -back / 11)  # for a dimension and its words, of a slender link too
     _clamps(axes, outer, inner, room)
-    _load(axes, outer.depth / 2 - (0 if servo_on else deflection), room, tip_force_N)
+    tip = outer.depth / 2 - (0 if servo_on else deflection)
+    arrow = {"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0}
+    load, above = f"{decimal(tip_force_N)} N", (0, tip + 0.55 * room)
+    axes.annotate(load, (0, tip), xytext=above, arrowprops=arrow, ha="center", fontsize=8)
     gap = clearances(outer.section, inner.section)[0]
     which, other, left = ("inner", "outer", "straight") if servo_on else ("outer", "inner", "unloaded")
     axes.set_title(
@@ -221,11 +224,6 @@ def _clamps(axes: "Axes", outer: Drawn, inner: Drawn, room: float) -> None:
         y = low - drop * room
         _dimension(axes, (-tube.free, y), (0, y), decimal(tube.free), below=False)
     axes.plot([0, 0], [low - 0.79 * room, -outer.depth / 2], color=_LINE, linewidth=0.4, linestyle=":")
-
-
-def _load(axes: "Axes", tip: float, room: float, force: float) -> None:
-    arrow, above = {"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0}, (0, tip + 0.55 * room)
-    axes.annotate(f"{decimal(force)} N", (0, tip), xytext=above, arrowprops=arrow, ha="center", fontsize=8)
 
 
 CAUSES = {"tip": "tip moves", "turning": "end turns", "twist": "end twists"}
