@@ -152,39 +152,39 @@ def _axis_crossings(
     if equation.degree() < 1:
         return
     equation = square_free(equation)
-    ends = {end for pair in (*listed, (low, high)) for end in pair}
+
+    def mass_of(interval: Pair) -> Pair | None:
+        """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
+        x = around(interval)
+        for constant, slope in ((even0, even1), (odd0, odd1)):
+            below = arb_poly(slope)(x)
+            if not below.contains(0):
+                return ends(-arb_poly(constant)(x) / below)
+        return None
+
+    known = {end for pair in (*listed, (low, high)) for end in pair}
     for found in isolate(equation, fmpq(0), bound(equation)):
         interval = found
         for round_ in range(2000):
             interval = halve(equation, interval)
-            mass = _mass(even0, odd0, even1, odd1, interval)
+            mass = mass_of(interval)
             if mass is None:
                 continue
             if mass[1] < low or mass[0] > high or take(mass, interval):
                 break
-            known = [end for end in ends if mass[0] <= end <= mass[1]] if round_ % 50 == 49 else []
-            hit = [end for end in known if on_axis(family.at(end), interval)]
+            met = [end for end in known if mass[0] <= end <= mass[1]] if round_ % 50 == 49 else []
+            hit = [end for end in met if on_axis(family.at(end), interval)]
             if hit and take((hit[0], hit[0]), interval):
                 break
             edges = (*listed, (low, low), (high, high))
             if hit or not any(pair[0] <= mass[1] and mass[0] <= pair[1] for pair in edges):
                 for _ in range(40):
                     interval = halve(equation, interval)
-                mass = _mass(even0, odd0, even1, odd1, interval) or mass
+                mass = mass_of(interval) or mass
                 yield f"a root crosses the axis near {short(mass[0])} kg: not listed, or not at the frequency listed"
                 break
         else:
             yield f"a crossing near {short(interval[0])} (rad/s)^2 could not be placed"
-
-
-def _mass(even0: fmpq_poly, odd0: fmpq_poly, even1: fmpq_poly, odd1: fmpq_poly, interval: Pair) -> Pair | None:
-    """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
-    x = around(interval)
-    for constant, slope in ((even0, even1), (odd0, odd1)):
-        below = arb_poly(slope)(x)
-        if not below.contains(0):
-            return ends(-arb_poly(constant)(x) / below)
-    return None
 
 
 # What is claimed of magnitudes.

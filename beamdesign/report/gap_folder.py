@@ -196,8 +196,9 @@ def _compliance(
         name: prototype.with_law(first.controller, prototype.payload.outer_end_mass_kg, first.inner_end_mass_kg)
         for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
     }
-    if renewed is not None and renewed.proofs:
-        prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
+    new = renewed.proofs[0][1] if renewed is not None and renewed.proofs else None
+    if new is not None:
+        prototypes["new controller, as diagnosed"] = new
     try:
         loops = {name: loop(prototype, performing=True).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
@@ -208,8 +209,7 @@ def _compliance(
     )
     if small := sorted({one.effect for prototype in prototypes.values() for one in near_rest(prototype)}):
         words += f" Small motion need not follow it: {in_words(', '.join(small))}."
-    if renewed is not None and renewed.proofs:
-        new = renewed.proofs[0][1]
+    if new is not None:
         words += f" New: {controller_text(new.own_controller, new.payload.inner_end_mass_kg)}."
     figure = new_figure(170.0, 92.0)
     plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)

@@ -122,7 +122,7 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                     if deaths[place] < TRIES:
                         waiting.appendleft(place)
                     else:
-                        record = dead(cases[place], TRIES)
+                        record = dead(cases[place])
                 if lost or record is not None:
                     busy.remove(process)
                     process.end() if lost else free.append(process)
@@ -202,9 +202,9 @@ def _deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def dead(found: Case, tried: int) -> dict[str, Any]:
+def dead(found: Case) -> dict[str, Any]:
     """The record of a case whose process died each time."""
-    return kept(found, "failed", Answer({}, reason=f"the process that computed it died, {tried} times"), 0.0)
+    return kept(found, "failed", Answer({}, reason=f"the process that computed it died, {TRIES} times"), 0.0)
 
 
 def _serve(pipe: Connection) -> None:
@@ -260,7 +260,7 @@ def cluster(address: str) -> Iterator[Workers]:
                 if future.status == "finished":
                     yield place, future.result()
                 elif isinstance(error := future.exception(), KilledWorker):  # tried as often as the cluster is set to
-                    yield place, dead(cases[place], TRIES)
+                    yield place, dead(cases[place])
                 else:
                     raise InputError("--scheduler", [(address, f"its workers cannot compute this: {error}")])
         finally:
