@@ -235,7 +235,7 @@ class Deviation:
         if any(not a < b for a, b in pairwise(self.edges)):
             raise Unreadable(f"{stated.place}: its bands must ascend")
         self.limits = [one.at_least("limit", 0, above=True) for one in bands]
-        self.marks = [[mark for line in one.words("tree") for mark in line.split()] for one in bands]
+        self.trees = [[mark for line in one.words("tree") for mark in line.split()] for one in bands]
         own = (f" with {name} {words_of(self.expression.ranges[name])}" for name in sorted(self.expression.own.keys))
         self.words = (
             f"an error of at most {short(self.size, up=False)} {UNITS[self.place]} moves the tip by at most"
@@ -263,15 +263,13 @@ class Deviation:
             if not ends(self.size * integral.sqrt())[1] <= self.bound:
                 return False, f"{self.words}: its limits come to more"
         count = 0
-        for since, until, limit, marks in zip(
-            self.edges, [*self.edges[1:], None], self.limits, self.marks, strict=True
-        ):
+        for since, until, limit, tree in zip(self.edges, [*self.edges[1:], None], self.limits, self.trees, strict=True):
             expression.circle = Circle(fmpq(0), 1 / limit)
             with ctx.workprec(PRECISION_BITS):
                 without, with_it = (expression.value(member, fmpq(u), acb(0, arb(since))) for u in (0, 1))
                 if not abs(with_it - without) < limit * abs(without):
                     return False, f"{self.words}: not at the member at {short(since)} rad/s"
-            clear, where = walked(expression, marks, since, until)
+            clear, where = walked(expression, tree, since, until)
             count += clear
             if where:
                 return False, f"{self.words}: piece {count + 1}, {where}, is not seen to be clear"

@@ -4,7 +4,7 @@ The loop is built from the rig, its controller and its effects, with a variable 
 the expression multiplied out: they may differ by a number, and by powers of what is positive.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from math import prod
 from typing import Any
@@ -156,9 +156,7 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
     variable = dict(zip(context.names(), context.gens(), strict=True))
     none = context.constant(0)
     unknown = variable.get(UNKNOWN, none)
-    value: dict[str, Number] = own | {
-        name: variable[name] if low < high else low for name, (low, high) in expression.ranges.items()
-    }
+    value: dict[str, Number] = own | {name: variable.get(name, low) for name, (low, _) in expression.ranges.items()}
 
     def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
         return _polynomial(coefficients, variable["s"])
@@ -228,10 +226,8 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
         if name in ("s", expression.transport, UNKNOWN):
             return variable[name]
         kind, members = expression.groups.get(name, ("sum", [name]))
-        total = one * int(kind == "product")
-        for member in members:
-            total = total + parameter[member] if kind == "sum" else total * parameter[member]
-        return total
+        together: Callable[..., fmpq_mpoly] = prod if kind == "product" else sum
+        return together((parameter[member] for member in members), start=one * int(kind == "product"))
 
     whole = expression.over_all()
     names = list(whole.context().names())
@@ -241,11 +237,7 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
         raise Unreadable("the expression has too many terms over the parameters of its groups")
     spend(5 * len(names) * (count + len(loop)))
     # What enters by its reciprocal: p times its highest power.
-    turned = {
-        k: max(powers[k] for powers in whole.monoms())
-        for k, n in enumerate(names)
-        if n in expression.reciprocal and whole != 0
-    }
+    turned = {k: whole.degrees()[k] for k, name in enumerate(names) if name in expression.reciprocal}
     terms = {
         tuple(turned[k] - power if k in turned else power for k, power in enumerate(map(int, powers))): c
         for powers, c in whole.terms()

@@ -307,12 +307,8 @@ def _is_stable_over(loop: Loop, masses: Pair, s: fmpq_poly = S, times: Pair = ON
 
 def _slack(loop: Loop, bound: Bound, gain: fmpq) -> Slack:
     numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
-    return Slack(
-        bound.limit,
-        *magnitudes(
-            bound.kind, loop.loop_denominator, numerator, loop.disturbance + (gain - 1) * loop.crossed, loop.law
-        ),
-    )
+    disturbance = loop.disturbance + (gain - 1) * loop.crossed
+    return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, disturbance, loop.law))
 
 
 def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:

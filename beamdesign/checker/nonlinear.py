@@ -257,13 +257,12 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
             break
         units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, count)
         proved = proved and all(unit * size <= bound for unit, (_, size, bound) in zip(units, listed, strict=True))
-    words = " and ".join(
+    each = " and ".join(
         f"{short(bound, up=True)} m by errors of at most {short(size, up=False)} {UNITS[place]}"
         for place, size, bound in listed
     )
-    return judged(
-        proved, f"the tip strays from the linear response at its own gain by at most {words}, {len(loops)} loops"
-    )
+    words = f"the tip strays from the linear response at its own gain by at most {each}, {len(loops)} loops"
+    return judged(proved, words)
 
 
 # Upper bounds of integrals of absolute impulse responses over a range of masses, in balls.

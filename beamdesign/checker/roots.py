@@ -162,12 +162,8 @@ def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
 
 def _hurwitz_matrix(polynomial: fmpq_poly, degree: int) -> fmpq_mat:
     size = max(degree - 1, 0)
-    entries = [
-        polynomial[k] if 0 <= (k := degree - 1 - 2 * column + row) <= degree else fmpq(0)
-        for row in range(size)
-        for column in range(size)
-    ]
-    return fmpq_mat(size, size, entries)
+    entries = [polynomial[degree - 1 - 2 * column + row] for row in range(size) for column in range(size)]
+    return fmpq_mat(size, size, entries)  # of a place beyond its ends a polynomial gives zero
 
 
 def is_hurwitz(polynomial: fmpq_poly) -> bool:

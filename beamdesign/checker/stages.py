@@ -245,9 +245,7 @@ class Function:
         """Whether it is positive definite at all masses."""
         return positive_between(self.at, self.degree, *masses)
 
-    def falls(
-        self, loop: StateSpace, masses: Pair, decay: fmpq = NONE, rate: fmpq = NONE, resting: bool = False
-    ) -> bool:
+    def falls(self, loop: StateSpace, masses: Pair, decay: fmpq, rate: fmpq, resting: bool) -> bool:
         """Whether it falls as exp(-2 decay t) at all masses while they change at one rate, payload at rest or not."""
 
         def fall(mass: fmpq) -> fmpq_mat:
@@ -335,7 +333,7 @@ def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:
     return fmpq_mat(n, n, [p[i, j] * scale[i] * scale[j] for i in range(n) for j in range(n)])
 
 
-_CLAIMS: dict[str, Callable[[Claim], Proved]] = {
+_CLAIMS = {
     "stage_change": Claim.stage_change,
     "any_change": Claim.any_change,
     "payload_rate": Claim.payload_rate,
@@ -354,9 +352,7 @@ def _frozen(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[
 
 
 def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[bool, str]:
-    stages = [
-        Table({"stage": stage}, example.place).whole("stage", 1, len(loops)) for stage in example.entries("stages")
-    ]
+    stages = [Table({"stage": k}, example.place).whole("stage", 1, len(loops)) for k in example.entries("stages")]
     weights, times = example.numbers("outer_end_mass_kg"), example.numbers("time_s")
     cycles = example.whole("cycles", 1, MOST_CYCLES)
     if not len(stages) == len(weights) == len(times) == 2 or min(times) <= 0:
@@ -376,7 +372,4 @@ def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[b
     return proved, f"{'the motion grows' if proved else 'growth is not proved'} for {words}, in turn"
 
 
-_COUNTEREXAMPLES: dict[str, Callable[[Sequence[StateSpace], Table, Pair], tuple[bool, str]]] = {
-    "frozen": _frozen,
-    "cycle": _cycle,
-}
+_COUNTEREXAMPLES = {"frozen": _frozen, "cycle": _cycle}

@@ -199,9 +199,8 @@ def _rounded(half_width: float, half_depth: float, radius: float) -> np.ndarray:
 
 
 def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float], text: str, below: bool) -> None:
-    axes.annotate(
-        "", start, end, arrowprops={"arrowstyle": "<|-|>", "color": _LINE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
-    )
+    arrow = {"arrowstyle": "<|-|>", "color": _LINE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", start, end, arrowprops=arrow)
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 

@@ -179,9 +179,8 @@ def _curve(of: Cause, position: int) -> Picture:
     axes.fill_between(x, np.subtract(y, np.multiply(2, std)), np.add(y, np.multiply(2, std)), alpha=0.3)
     axes.plot(x, y)
     axes.set(xlabel=at, ylabel=of_what)
-    return in_page(
-        figure, f"curve{position}", f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
-    )
+    caption = f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
+    return in_page(figure, f"curve{position}", caption)
 
 
 def _compliance(
@@ -203,10 +202,8 @@ def _compliance(
         loops = {name: loop(prototype, performing=True).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
         return None
-    words = (
-        f"Compliance with {mass:g} kg outside, of the linear loop:"
-        f" {controller_text(first.controller, first.inner_end_mass_kg)}."
-    )
+    law = controller_text(first.controller, first.inner_end_mass_kg)
+    words = f"Compliance with {mass:g} kg outside, of the linear loop: {law}."
     if small := sorted({one.effect for prototype in prototypes.values() for one in near_rest(prototype)}):
         words += f" Small motion need not follow it: {in_words(', '.join(small))}."
     if new is not None:

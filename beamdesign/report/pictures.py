@@ -26,7 +26,7 @@ from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
 
 FAMILY = 41
-"""Masses of the range whose compliances are shaded."""
+"""Masses of the range whose compliances are shaded, and whose poles are drawn."""
 
 _STABLE = "0.72"
 """Grey of what is stable."""
@@ -316,9 +316,7 @@ def plot_stable_gains(
     return axes
 
 
-def plot_pole_paths(
-    axes: Axes, loop: Loop, low_kg: float, high_kg: float, reach_Hz: float = inf, count: int = 41
-) -> Axes:
+def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, reach_Hz: float = inf) -> Axes:
     """Closed-loop poles in the upper half plane as the outer end mass goes through its range.
 
     Args:
@@ -327,9 +325,8 @@ def plot_pole_paths(
         low_kg: least mass, marked by circles.
         high_kg: largest mass, marked by squares; may be the same.
         reach_Hz: distance from the origin up to which poles are drawn.
-        count: masses at which poles are computed.
     """
-    whole = (loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count))
+    whole = (loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, FAMILY))
     paths = [poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)] for poles in whole]
     track = np.concatenate(paths)
     axes.plot(track.real, track.imag, ".", color="0.45", markersize=2.5)

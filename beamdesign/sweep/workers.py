@@ -240,9 +240,8 @@ def cluster(address: str) -> Iterator[Workers]:
         from distributed import Client, KilledWorker, as_completed
         from distributed.comm import resolve_address
     except ModuleNotFoundError:
-        raise InputError(
-            "--scheduler", [(address, "dask.distributed is not installed: pip install 'beamdesign[cluster]'")]
-        ) from None
+        words = "dask.distributed is not installed: pip install 'beamdesign[cluster]'"
+        raise InputError("--scheduler", [(address, words)]) from None
     try:
         resolve_address(address)  # a client of no address waits for itself to close, and ends with a traceback
         client = Client(address, timeout="5s", set_as_default=False)
