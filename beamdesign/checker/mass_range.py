@@ -10,29 +10,11 @@ from itertools import pairwise
 
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
+from beamdesign.checker import roots
 from beamdesign.checker.nonlinear import nonlinear
 from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import ONCE, Loop, Rig
-from beamdesign.checker.roots import (
-    NONE,
-    ZERO,
-    Family,
-    Pair,
-    Polynomials,
-    S,
-    Slack,
-    around,
-    bound,
-    ends,
-    halve,
-    isolate,
-    on_axis,
-    parts,
-    plus,
-    square_free,
-    squared,
-    stable_on_rectangle,
-)
+from beamdesign.checker.roots import NONE, ZERO, Family, Pair, Polynomials, S, Slack, plus, scaled, squared
 
 # What is stated of stability: ranges, crossings between them, and how far they reach.
 
@@ -86,7 +68,7 @@ def _ends(table: Table) -> Pair:
 
 def _reach(family: Family, least: fmpq) -> fmpq:
     """A mass from `least` up above which nothing critical remains."""
-    return max([least, *(bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
+    return max([least, *(roots.bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
 
 
 class Listed:
@@ -106,7 +88,7 @@ class Listed:
 def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Iterator[tuple[bool, str]]:
     """Every root on the axis for a mass of the range is listed, and every one listed is there."""
     shared = family.p0.gcd(family.p1)
-    if on_axis(shared, (fmpq(0), bound(shared))) or shared(0) == 0:
+    if roots.on_axis(shared, (fmpq(0), roots.bound(shared))) or shared(0) == 0:
         yield not listed, "a root lies on the axis for every mass, so that none crosses"
         return
     left = list(listed)
@@ -143,7 +125,7 @@ def _axis_crossings(
 
     Eliminating the mass from both parts leaves an equation in x = w^2; at each of its roots the mass follows.
     """
-    (even0, odd0), (even1, odd1) = parts(family.p0), parts(family.p1)
+    (even0, odd0), (even1, odd1) = roots.parts(family.p0), roots.parts(family.p1)
     equation, endless = even0 * odd1 - odd0 * even1, even1.gcd(odd1)
     if equation.is_zero():
         return
@@ -151,35 +133,35 @@ def _axis_crossings(
         equation = equation / common
     if equation.degree() < 1:
         return
-    equation = square_free(equation)
+    equation = roots.square_free(equation)
 
     def mass_of(interval: Pair) -> Pair | None:
         """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
-        x = around(interval)
+        x = roots.around(interval)
         for constant, slope in ((even0, even1), (odd0, odd1)):
             below = arb_poly(slope)(x)
             if not below.contains(0):
-                return ends(-arb_poly(constant)(x) / below)
+                return roots.ends(-arb_poly(constant)(x) / below)
         return None
 
     known = {end for pair in (*listed, (low, high)) for end in pair}
-    for found in isolate(equation, fmpq(0), bound(equation)):
+    for found in roots.isolate(equation, fmpq(0), roots.bound(equation)):
         interval = found
         for round_ in range(2000):
-            interval = halve(equation, interval)
+            interval = roots.halve(equation, interval)
             mass = mass_of(interval)
             if mass is None:
                 continue
             if mass[1] < low or mass[0] > high or take(mass, interval):
                 break
             met = [end for end in known if mass[0] <= end <= mass[1]] if round_ % 50 == 49 else []
-            hit = [end for end in met if on_axis(family.at(end), interval)]
+            hit = [end for end in met if roots.on_axis(family.at(end), interval)]
             if hit and take((hit[0], hit[0]), interval):
                 break
             edges = (*listed, (low, low), (high, high))
             if hit or not any(pair[0] <= mass[1] and mass[0] <= pair[1] for pair in edges):
                 for _ in range(40):
-                    interval = halve(equation, interval)
+                    interval = roots.halve(equation, interval)
                 mass = mass_of(interval) or mass
                 yield f"a root crosses the axis near {short(mass[0])} kg: not listed, or not at the frequency listed"
                 break
@@ -302,12 +284,11 @@ def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
 def _is_stable_over(loop: Loop, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
     """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
     denominator, numerator = ((p[0](s), p[1](s)) for p in (loop.loop_denominator, loop.loop_numerator))
-    return stable_on_rectangle(denominator, numerator, masses, (loop.gain[0] * times[0], loop.gain[1] * times[1]))
+    return roots.stable_on_rectangle(denominator, numerator, masses, (loop.gain[0] * times[0], loop.gain[1] * times[1]))
 
 
 def _slack(loop: Loop, bound: Bound, gain: fmpq) -> Slack:
-    numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
-    disturbance = loop.disturbance + (gain - 1) * loop.crossed
+    numerator, disturbance = scaled(loop.loop_numerator, gain), loop.disturbance + (gain - 1) * loop.crossed
     return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, disturbance, loop.law))
 
 

@@ -32,6 +32,11 @@ def plus(one: Polynomials, other: Polynomials, times: fmpq | int = 1) -> Polynom
     return one[0] + times * other[0], one[1] + times * other[1]
 
 
+def scaled(one: Polynomials, factor: fmpq | fmpq_poly) -> Polynomials:
+    """One that is affine in the mass, times a factor."""
+    return one[0] * factor, one[1] * factor
+
+
 def _sign_changes(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> int:
     """An upper bound on the number of roots in the open interval, which is exact where it is 0 or 1."""
     spend(of_signs(polynomial, low, high))
