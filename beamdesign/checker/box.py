@@ -239,8 +239,7 @@ class Deviation:
         own = (f" with {name} {words_of(self.expression.ranges[name])}" for name in sorted(self.expression.own.keys))
         self.words = (
             f"an error of at most {short(self.size, up=False)} {UNITS[self.place]} moves the tip by at most"
-            f" {short(self.bound, up=True)} m"
-            f" for every member of the box{' and'.join(own)}"
+            f" {short(self.bound, up=True)} m for every member of the box{' and'.join(own)}"
         )
 
     def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:

@@ -244,14 +244,11 @@ class Curves:
 
     def rows(self) -> list[dict[str, float]]:
         """One row per frequency, a column per curve."""
-        columns = {
+        columns = {"frequency_Hz": self.frequency_Hz} | {
             f"{direction}_{'servo' if servo else 'no_servo'}_{mass:g}_kg_m_per_N": values
             for (direction, servo, mass), values in self.magnitude.items()
         }
-        return [
-            {"frequency_Hz": float(f)} | {name: float(values[k]) for name, values in columns.items()}
-            for k, f in enumerate(self.frequency_Hz)
-        ]
+        return [dict(zip(columns, row, strict=True)) for row in np.column_stack([*columns.values()]).tolist()]
 
 
 def compliance_curves(model: "BothPlanes", found: "ArmResult", quick: float = 1.0) -> Curves:
