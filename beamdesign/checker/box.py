@@ -14,7 +14,7 @@ from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS, Multiplier
 from beamdesign.checker.reading import Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import ZERO, Pair, ends, is_hurwitz, unstable_roots
+from beamdesign.checker.roots import ONE, ZERO, Pair, S, ends, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import PRECISION_BITS, walked
 
 MASS = "outer_end_mass"
@@ -150,7 +150,7 @@ class Claim:
         waits = any(self.expression.ranges.get("delay", ()))
         if self.expression.delay != "delay" and (waits or self.expression.delay is not None):
             return False, f"{self.words}: of a loop with another delay"
-        weights = None if self.multiplier is None else self.multiplier.weights()
+        weights = () if self.multiplier is None else self.multiplier.weights()
         if rig is None or not alike(self.expression, characteristic(self.expression, rig, self.kind, weights)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         if not self._covers(rig):
@@ -250,7 +250,7 @@ class Deviation:
         if any(not self.whole[n][0] <= ranges[n][0] <= ranges[n][1] <= self.whole[n][1] for n in expression.own.keys):
             return False, f"{self.words}: over ranges of its own that are not within the box"
         moved = None if rig is None else self._moved(rig)
-        if moved is None or not alike(expression, moved := self._left(moved)):
+        if moved is None or not alike(expression, moved):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         member = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in member.items()}
         if not is_hurwitz(at_member(moved.subs({"unknown": fmpq(0)}), member)):
@@ -275,11 +275,13 @@ class Deviation:
         return judged(True, f"{self.words}: {len(self.limits)} bands, {count} pieces")
 
     def _moved(self, rig: Rig) -> fmpq_mpoly | None:
-        """The rig's polynomial with the unknown, before it is moved; None where the lead is not large enough."""
+        """The rig's polynomial with the unknown at s - a; None where the lead is not large enough."""
         stated, ranges = self.expression, self.expression.ranges
 
         def of(place: str) -> fmpq_mpoly:
-            return characteristic(stated, rig, KIND, None, (place, self.corner + self.decay))
+            whole = characteristic(stated, rig, KIND, (ONE, ONE, S + self.corner + self.decay), place)
+            s, *others = whole.context().gens()
+            return whole.compose(s - self.decay, *others, ctx=whole.context())
 
         if not self.lead:
             return of(self.place)
@@ -289,13 +291,8 @@ class Deviation:
         variable = dict(zip(force.context().names(), force.context().gens(), strict=True))
         leakage, area, oil = (variable.get(name, ends[name][0]) for name in _STROKE)
         s, (r, t), ((least, most), (small, large), (soft, _)) = variable["s"], self.lead, (ends[n] for n in _STROKE)
-        if (force - plain) * (area * oil) != (flow - plain) * (leakage * oil + area**2 * s):
+        if (force - plain) * (area * oil) != (flow - plain) * (leakage * oil + area**2 * (s - self.decay)):
             return None
         if r < max(most / small, self.decay * large / soft - least / large) or t < large / soft:
             return None
-        return plain + (flow - plain) * (r + t * (s + self.decay))
-
-    def _left(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
-        """A polynomial at s - a, s being the first variable."""
-        s, *others = polynomial.context().gens()
-        return polynomial.compose(s - self.decay, *others, ctx=polynomial.context())
+        return plain + (flow - plain) * (r + t * s)

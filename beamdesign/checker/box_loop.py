@@ -101,21 +101,15 @@ def _places(rig: Rig) -> dict[str, tuple[int, str]]:
 
 
 def characteristic(
-    expression: Expression,
-    rig: Rig,
-    claim: str = "",
-    weights: Sequence[fmpq_poly] | None = None,
-    error: tuple[str, fmpq] = ("", fmpq(0)),
+    expression: Expression, rig: Rig, claim: str = "", weights: Sequence[fmpq_poly] = (), place: str = ""
 ) -> fmpq_mpoly:
     """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
 
-    Of a claim with the unknown: see `CLAIMS`. A slope has weights of the opened loop, of the loop and of the loop times
-    the unknown, a deviation the place of an error and the corner.
+    Of a claim with the unknown: see `CLAIMS`. A slope and a deviation have weights of the opened loop, of the loop and
+    of what the unknown adds, a deviation the place of an error as well.
     """
-    forward, loop, above = _parts(expression, rig, claim, error[0])
-    if error[0]:
-        above *= forward.context().gen(0) + error[1]
-    if weights is not None:
+    forward, loop, above = _parts(expression, rig, claim, place)
+    if weights:
         s = forward.context().gen(0)
         of_denominator, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
         return of_denominator * forward + plain * loop + turned * above

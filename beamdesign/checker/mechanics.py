@@ -154,10 +154,8 @@ class Parts:
         names = list(dict.fromkeys([*own, *(name for moved, _ in network for name in moved)]))
         if len(names) > MOST_COORDINATES:
             raise Unreadable(f"the elements of effects have more than {MOST_COORDINATES} coordinates")
-        if loose := sorted({name for weights in points.values() for name in weights} - {*names}):
-            raise Unreadable(
-                f"the elements of effects resist no motion of {', '.join(loose)[:100]}, on which a point rides"
-            )
+        if loose := ", ".join(sorted({name for weights in points.values() for name in weights} - {*names})):
+            raise Unreadable(f"the elements of effects resist no motion of {loose[:100]}, on which a point rides")
         rows: dict[str, dict[str, Polynomial]] = {name: {} for name in names}
 
         def add(row: str, column: str, value: Polynomial) -> None:

@@ -208,9 +208,8 @@ def plot_stable_bands(
             outline = np.array([[*at, *at[::-1], at[0]], np.clip([*bottom, *top[::-1], bottom[0]], *within)]).T
             parts.append(Outline(outline, closed=True))
     axes.add_patch(PathPatch(Outline.make_compound_path(*parts), color=shade, linewidth=0))
-    axes.fill_between(
-        [], [], color=shade, edgecolor=style.get("color"), label=label, linestyle=style.get("linestyle", "-")
-    )
+    lined: dict[str, Any] = {"edgecolor": style.get("color"), "linestyle": style.get("linestyle", "-")}
+    axes.fill_between([], [], color=shade, label=label, **lined)
     return axes
 
 
