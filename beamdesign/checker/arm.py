@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 from flint import arb, fmpq, fmpq_poly
 
-from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stability
+from beamdesign.checker.mass_range import Bound, magnitudes, stability
 from beamdesign.checker.prototype import Section, agree
-from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.checker.roots import ZERO, Family, Polynomials, S, Slack, plus
 

@@ -4,7 +4,7 @@ All members of the box are stable where one is, and no root can cross the axis (
 polynomial that is looked at is that of its loop; of an expression alone nothing is said of any rig.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 
 from flint import acb, arb, ctx, fmpq, fmpq_mpoly
@@ -12,7 +12,7 @@ from flint import acb, arb, ctx, fmpq, fmpq_mpoly
 from beamdesign.checker.box_loop import alike, at_member, characteristic, figures, of_rig, opens_stable, spans, words_of
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS, Multiplier
-from beamdesign.checker.reading import Table, Unreadable, judged, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import ONE, ZERO, Pair, S, ends, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import PRECISION_BITS, walked
@@ -24,7 +24,7 @@ MASS = "outer_end_mass"
 # What the certificate states.
 
 
-def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
+def statements(table: Table, rig: Rig | None) -> Statements:
     """Every statement of a certificate over a box: whether it was proved, and it in words.
 
     Args:

@@ -14,7 +14,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED, decimal
 from beamdesign.checker.mechanics import Elements, Number, Parts
-from beamdesign.checker.reading import Table, Unreadable, rational, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, rational, short, span
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, refuse_size, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
 from beamdesign.checker.work import spend, times
@@ -40,7 +40,7 @@ _OF_ANY_LOOP = "controller_gain", "controller_zero", "controller_pole", "effect_
 _HALVINGS = 40
 
 
-def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[bool, str]]:
+def of_rig(table: Table, expression: Expression, rig: Rig) -> Statements:
     """That the expression is that of the rig's loop, and what each range is of the rig's own figure."""
     own, made = figures(rig), spans(rig)
     left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
@@ -113,8 +113,6 @@ def characteristic(
         s = forward.context().gen(0)
         of_denominator, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
         return of_denominator * forward + plain * loop + turned * above
-    if claim in ("", "gain_margin"):
-        return forward + loop
     return forward + above if claim in ("peak_sensitivity", "loop_gain") else forward + loop + above
 
 
@@ -141,7 +139,7 @@ def _polynomial(coefficients: Sequence[Number], s: fmpq_mpoly) -> fmpq_mpoly:
 
 
 def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tuple[fmpq_mpoly, fmpq_mpoly, fmpq_mpoly]:
-    """The opened loop, what feedback adds to it, and what the unknown adds."""
+    """The opened loop, what feedback adds to it, and what the unknown adds, nothing where there is none."""
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
     special = [expression.transport] * bool(expression.transport) + [UNKNOWN] * bool(expression.circle)

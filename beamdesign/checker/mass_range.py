@@ -12,15 +12,11 @@ from flint import arb, arb_poly, fmpq, fmpq_poly
 
 from beamdesign.checker import roots
 from beamdesign.checker.nonlinear import nonlinear
-from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import NONE, ZERO, Family, Pair, Polynomials, S, Slack, plus, scaled, squared
 
 # What is stated of stability: ranges, crossings between them, and how far they reach.
-
-
-Statements = Iterator[tuple[bool, str]]
-"""Of a certificate: whether each was proved, and it or its failure in words."""
 
 
 def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements:
@@ -85,7 +81,7 @@ class Listed:
         )
 
 
-def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Iterator[tuple[bool, str]]:
+def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Statements:
     """Every root on the axis for a mass of the range is listed, and every one listed is there."""
     shared = family.p0.gcd(family.p1)
     if roots.on_axis(shared, (fmpq(0), roots.bound(shared))) or shared(0) == 0:

@@ -21,13 +21,13 @@ Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of t
 coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from flint import acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker import roots
-from beamdesign.checker.reading import Table, Unreadable, judged, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import PLACES, Loop
 from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, inner, plus, scaled
 from beamdesign.checker.work import height, of_roots, spend
@@ -40,7 +40,7 @@ DEEPEST = 20
 """Halvings of a range of masses: the less damping there is, the narrower the pieces are on which it is seen."""
 
 
-def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Iterator[tuple[bool, str]]:
+def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Statements:
     """Every statement about nonlinear loops: whether it was proved, and it or its failure in words."""
     if len(tables) > MOST_STATEMENTS:
         raise Unreadable(f"it states more than {MOST_STATEMENTS} things of nonlinear loops")

@@ -3,7 +3,7 @@
 import hashlib
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any
 
@@ -238,6 +238,10 @@ def sealed(table: Table, text: str) -> tuple[bool, str]:
     digest = hashlib.sha256(_SEAL.sub("", text).encode()).hexdigest()
     intact = lines == [stated] and digest == stated
     return intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+
+
+Statements = Iterator[tuple[bool, str]]
+"""Of a certificate: whether each was proved, and it or its failure in words."""
 
 
 def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:

@@ -16,7 +16,7 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
 from beamdesign.checker.mechanics import Elements, Number, Parts, add_weights
-from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
+from beamdesign.checker.reading import HIGHEST_DEGREE, Statements, Table, Unreadable, rational, short
 from beamdesign.checker.roots import ZERO, Pair, Polynomials, plus
 
 FIGURES = (
@@ -254,7 +254,7 @@ class Rig:
         if len({effect.name for effect in self.effects}) < len(self.effects):
             raise Unreadable("an effect stands there twice")
 
-    def statements(self) -> Iterator[tuple[bool, str]]:
+    def statements(self) -> Statements:
         """That what it states twice agrees."""
         if self.law is not None and self.law.follows is not None:
             good = self.law.follows

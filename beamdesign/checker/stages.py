@@ -29,8 +29,7 @@ from itertools import permutations
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.checker.law import SENSED, VELOCITY, Law, Row, Stage
-from beamdesign.checker.mass_range import Statements
-from beamdesign.checker.reading import Table, Unreadable, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import NONE, Pair, determinant_of, interpolated, is_hurwitz, pieces
 from beamdesign.checker.work import of_determinant, spend
