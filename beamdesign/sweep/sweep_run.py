@@ -344,10 +344,9 @@ def _column(values: list[Any]) -> Any:
     import pyarrow as pa
 
     kinds = {type(value) for value in values if value is not None}
-    if kinds == {int, float}:
-        values = [None if value is None else float(value) for value in values]
-    elif len(kinds) > 1:
-        values = [None if value is None else str(value) for value in values]
+    wider: type = float if kinds == {int, float} else str
+    if len(kinds) > 1:
+        values = [None if value is None else wider(value) for value in values]
     return pa.array(values)
 
 
