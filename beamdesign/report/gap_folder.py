@@ -24,6 +24,7 @@ from beamdesign.records import InputError, to_toml
 from beamdesign.report import gap_tables as tables
 from beamdesign.report.canvas import finish, in_page, new_figure, plain_numbers
 from beamdesign.report.figures import plot_compliance
+from beamdesign.report.gap_tables import WORDS
 from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
 from beamdesign.structure.arm import off_axis
@@ -219,7 +220,6 @@ def _figure(value: float, digits: int = 4) -> str:
 
 
 MODELS = ("before", "tuned", "after")
-WORDS = {"before": "as believed", "tuned": "re-tuned", "after": "with the cause", "noise": "noise alone"}
 # Told apart on white, on black and, by their dashes, in grey print.
 LINES: dict[str, dict[str, Any]] = {
     "before": {"color": "#d1495b", "linestyle": (0, (5, 2))},

@@ -144,9 +144,12 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         f" {' and '.join(f'{mass:g} kg' for mass in ends)} on the outer tip. Squares: at this design's gain of"
         f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; {faster} lie outside."
     )
-    panels = framed("locus", 88, caption, columns=len(ends))
+    panels, factors = framed("locus", 88, caption, columns=len(ends)), np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()
     for panel, mass in zip(panels, ends, strict=True):
-        _draw_locus(panel, loop, mass, reach)
+        figures.plot_root_locus(panel, loop.at(mass), factors, {"this gain": 1.0})
+        panel.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
+        panel.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
+        panel.set_title(f"{decimal(mass)} kg outside", fontsize=9)
     for panel in panels[1:]:
         panel.set_ylabel("")
         if (legend := panel.get_legend()) is not None:  # it says what the first one does
@@ -192,15 +195,6 @@ def _locus_reach(loop: LoopAtMass) -> float:
     lost = [c for c in crossings if c.value < LOCUS_GAIN] or crossings[:1]
     oscillations = [c.frequency_Hz for c in lost] or [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
     return 1.35 * max([1.0, *oscillations])
-
-
-def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
-    """The upper half of a root locus at one mass, up to `reach` in Hz."""
-    factors = [*np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()]
-    figures.plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
-    axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
-    axes.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
-    axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
 
 def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
