@@ -309,12 +309,6 @@ def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
     return True
 
 
-def _breaks(loop: Loop, bound: Bound, mass: fmpq, square: fmpq, gain: fmpq) -> bool:
-    """Whether an inequality fails at one mass, w^2 and gain at which it is to perform."""
-    gains = loop.performing
-    return gains is not None and gains[0] <= gain <= gains[1] and _slack(loop, bound, gain).at(mass, square) < 0
-
-
 def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tuple[bool, str]:
     """One claim about all loops: it holds if it says so, and fails, at its witness if it has one, if it says so."""
     kind, holds = claim.word("kind", *INEQUALITIES, "decay_rate", "gain_margin"), claim.flag("holds")
@@ -338,7 +332,10 @@ def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tu
         words, truth = bound.words, whole and all(_keeps(loop, bound, masses) for loop in loops)
         if "squared_frequency" in witness:
             square = witness.at_least("squared_frequency", 0)
-            broken = any(_breaks(loop, bound, mass, square, gain) for loop in loops)
+            performing = (
+                loop for loop in loops if loop.performing and loop.performing[0] <= gain <= loop.performing[1]
+            )
+            broken = any(_slack(loop, bound, gain).at(mass, square) < 0 for loop in performing)
             at_witness = at_witness and bound.covers(square) and broken
         else:
             at_witness = at_witness and unstable()

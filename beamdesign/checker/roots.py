@@ -377,12 +377,10 @@ class Slack:
         deciding.append(b * b - 4 * a * c)
         if until is None:
             until = max([2 * start + 1, *(bound(q) for q in deciding if q.degree() > 0)])
-        points, _ = pieces(deciding, start, until)
-        return all(self._nonnegative_at(x, low, high) for x in points)
-
-    def _nonnegative_at(self, x: fmpq, low: fmpq, high: fmpq) -> bool:
-        a, b, _ = (polynomial(x) for polynomial in self.coefficients)
-        masses = [low, high]
-        if a > 0 and low < -b / (2 * a) < high:
-            masses.append(-b / (2 * a))
-        return all(self.at(mass, x) >= 0 for mass in masses)
+        for x in pieces(deciding, start, until)[0]:
+            masses, curvature = [low, high], a(x)
+            if curvature > 0 and low < (vertex := -b(x) / (2 * curvature)) < high:
+                masses.append(vertex)
+            if any(self.at(mass, x) < 0 for mass in masses):
+                return False
+        return True

@@ -270,30 +270,25 @@ class Claim:
         own = table.tables("stage") if kind == "stage_dwell" else [table]
         self.functions = [Function(one, loops[0].order) for one in own]
 
-    def stage_change(self) -> Proved:
-        """Of a payload that stays."""
+    def _stage_change(self) -> Proved:
         return "a payload that stays", self._fall()
 
-    def any_change(self) -> Proved:
-        """Of one that changes in any way."""
+    def _any_change(self) -> Proved:
         return "any matched change of the payload", self.functions[0].degree == 0 and self._fall()
 
-    def payload_rate(self) -> Proved:
-        """Of one that changes no faster than at a rate."""
+    def _payload_rate(self) -> Proved:
         rate, (joins, from_rest) = self.table.at_least("rate_kg_per_s", 0, above=True), self._joining()
         cases = [(rate, False), (-rate, False)] + [(rate, True)] * from_rest
         return f"|dm/dt| up to {short(rate, up=False)} kg/s, {joins}", self._fall(cases=cases)
 
-    def payload_jumps(self) -> Proved:
-        """Of one that changes suddenly, now and then."""
+    def _payload_jumps(self) -> Proved:
         bare, masses, (joins, from_rest) = self.loops[0].bare_mass, self.masses, self._joining()
         shares = [fmpq(1), (bare + masses[0]) / (bare + masses[1])][: 1 + from_rest]
         ends = [self.functions[0].at(mass) for mass in masses]
         words, proved = self._dwell([(before, _after(p, share)) for before in ends for p in ends for share in shares])
         return f"sudden changes of the payload {words}, {joins}", proved
 
-    def stage_dwell(self) -> Proved:
-        """Of changes of stage."""
+    def _stage_dwell(self) -> Proved:
         if len(self.functions) != len(self.loops):
             raise Unreadable(f"{self.table.place} needs a P for each stage")
         pairs = permutations(self.functions, 2)
@@ -333,11 +328,11 @@ def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:
 
 
 _CLAIMS = {
-    "stage_change": Claim.stage_change,
-    "any_change": Claim.any_change,
-    "payload_rate": Claim.payload_rate,
-    "payload_jumps": Claim.payload_jumps,
-    "stage_dwell": Claim.stage_dwell,
+    "stage_change": Claim._stage_change,
+    "any_change": Claim._any_change,
+    "payload_rate": Claim._payload_rate,
+    "payload_jumps": Claim._payload_jumps,
+    "stage_dwell": Claim._stage_dwell,
 }
 
 

@@ -4,11 +4,10 @@ Their charts of what is stable over the outer end mass are exact: ranges on one 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from itertools import pairwise
 from math import asin, degrees, inf, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,8 +34,7 @@ LOCUS_GAIN = 10.0
 """Largest gain of the root locus over that of the design."""
 
 
-@dataclass(frozen=True)
-class CaptionedFigure:
+class CaptionedFigure(NamedTuple):
     """One figure with what stands below it.
 
     Attributes:
