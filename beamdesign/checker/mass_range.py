@@ -332,10 +332,8 @@ def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tu
         words, truth = bound.words, whole and all(_keeps(loop, bound, masses) for loop in loops)
         if "squared_frequency" in witness:
             square = witness.at_least("squared_frequency", 0)
-            performing = (
-                loop for loop in loops if loop.performing and loop.performing[0] <= gain <= loop.performing[1]
-            )
-            broken = any(_slack(loop, bound, gain).at(mass, square) < 0 for loop in performing)
+            asked = (one for one in loops if one.performing and one.performing[0] <= gain <= one.performing[1])
+            broken = any(_slack(loop, bound, gain).at(mass, square) < 0 for loop in asked)
             at_witness = at_witness and bound.covers(square) and broken
         else:
             at_witness = at_witness and unstable()
