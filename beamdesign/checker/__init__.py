@@ -21,7 +21,7 @@ from flint import ctx, fmpq
 from beamdesign.checker.box_loop import DEVIATIONS, deviations_of, figures, holds, left_exact
 from beamdesign.checker.prototype import ALLOY, GUARANTEED, differences, left_open, masses_of, number_of, table_of
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span, toml
-from beamdesign.checker.rig import Effect, Rig
+from beamdesign.checker.rig import ONCE, Rig
 from beamdesign.checker.roots import Pair
 from beamdesign.checker.work import allowed
 
@@ -165,7 +165,14 @@ def _given(prototype: Any, table: Table) -> PrototypeTable:
             None if masses is None else int(masses[1].p) / int(masses[1].q),
             {name: ends for name, ends in varying.items() if ends[0] < ends[1]},
         )
-    return prototype if isinstance(prototype, Mapping) else _toml(Path(prototype))
+    if isinstance(prototype, Mapping):
+        return prototype
+    try:
+        given, _ = toml(_bytes(Path(prototype)).removeprefix(BOM_UTF8))  # an editor's
+    except Unreadable as error:
+        raise Unreadable(f"the prototype: {error}") from error
+    # No file says what its effects come to: only a caller who works them out may.
+    return {key: value for key, value in given.items() if key != "effect"}
 
 
 def _bytes(path: Path) -> bytes:
@@ -178,15 +185,6 @@ def _bytes(path: Path) -> bytes:
             return file.read(LARGEST_BYTES + 1)
     except OSError as error:
         raise Unreadable(f"cannot be read: {error.strerror or error}") from error
-
-
-def _toml(path: Path) -> PrototypeTable:
-    try:
-        table, _ = toml(_bytes(path).removeprefix(BOM_UTF8))  # an editor's
-    except Unreadable as error:
-        raise Unreadable(f"the prototype: {error}") from error
-    # No file says what its effects come to: only a caller who works them out may.
-    return {key: value for key, value in table.items() if key != "effect"}
 
 
 # Whether what a prototype states under [guarantee] is what the certificate it names proves of it.
@@ -304,7 +302,12 @@ def about(table: Table, rig: Rig | None) -> Iterator[str]:
     if (controller := rig.law or rig.schedule) is not None:
         yield f"controller: {_words(controller.figures)}"
     for effect in rig.effects:
-        yield from _effect(effect)
+        sizes = ", ".join(f"{key} {short(value)}" for key, value in effect.parameters.items())
+        yield f"effect {effect.name}: {sizes}"
+        if effect.gain != ONCE:
+            yield f"effect {effect.name}: gain times {span(effect.gain)}, {span(effect.performing)} to perform"
+        for name, own in effect.spans.items():
+            yield f"effect {effect.name}: {name} at {span(own.ends, ' and ')}, {span(own.performing)} to perform"
     for name, known in KEYS.items():
         yield from _figures(table.optional(name), known)
     alloys = table.optional("material")
@@ -338,15 +341,6 @@ def _refuse_words(value: Any, place: str) -> None:
     for key, item in value.items() if isinstance(value, dict) else enumerate(value, start=1):
         if key not in ("kind", "sensors"):
             _refuse_words(item, f"{place}.{key}")
-
-
-def _effect(effect: Effect) -> Iterator[str]:
-    sizes = ", ".join(f"{key} {short(value)}" for key, value in effect.parameters.items())
-    yield f"effect {effect.name}: {sizes}"
-    if effect.gain[0] != 1 or effect.gain[1] != 1:
-        yield f"effect {effect.name}: gain times {span(effect.gain)}, {span(effect.performing)} to perform"
-    for name, own in effect.spans.items():
-        yield f"effect {effect.name}: {name} at {span(own.ends, ' and ')}, {span(own.performing)} to perform"
 
 
 def _words(value: Any) -> str:

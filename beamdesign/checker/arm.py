@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from flint import arb, fmpq, fmpq_poly
 
-from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stability
+from beamdesign.checker.mass_range import Bound, magnitudes, stability
 from beamdesign.checker.prototype import Section, agree
-from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop, Rig
-from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack, plus
+from beamdesign.checker.roots import ZERO, Family, Polynomials, S, Slack, plus
 
 CLAIMS = ("tip_compliance", "load_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 TORSION_SHARE = fmpq(1, 3)
@@ -34,7 +34,9 @@ def statements(table: Table, rig: Rig) -> Statements:
     yield from stability(table.table("stability"), Family(*plane.closed), *masses)
     stable = Family(*plane.closed).is_stable_over(*masses)
     for claim in table.tables("claim"):
-        yield _claim(claim, plane, stable, masses)
+        bound, holds = Bound(claim, claim.word("kind", *CLAIMS)), claim.flag("holds")
+        slack = Slack(bound.limit, *plane.ratio(bound.kind))
+        yield judged(stable and slack.nonnegative(*masses, bound.until, bound.start), bound.words, holds)
 
 
 class Arm:
@@ -192,10 +194,3 @@ def _affine(value: Callable[[fmpq], fmpq_poly]) -> Polynomials:
     if any(at[k] - at[k - 1] != at[1] - at[0] for k in (2, 3)):
         raise Unreadable("the loop is not affine in the payload")
     return at[0], at[1] - at[0]
-
-
-def _claim(claim: Table, plane: Plane, stable: bool, masses: Pair) -> tuple[bool, str]:
-    """One claim: it holds if it says so, and does not if it says so."""
-    bound, holds = Bound(claim, claim.word("kind", *CLAIMS)), claim.flag("holds")
-    slack = Slack(bound.limit, *plane.ratio(bound.kind))
-    return judged(stable and slack.nonnegative(*masses, bound.until, bound.start), bound.words, holds)

@@ -4,26 +4,17 @@ All members of the box are stable where one is, and no root can cross the axis (
 polynomial that is looked at is that of its loop; of an expression alone nothing is said of any rig.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 
 from flint import acb, arb, ctx, fmpq, fmpq_mpoly
 
-from beamdesign.checker.box_loop import (
-    alike,
-    at_member,
-    characteristic,
-    figures,
-    of_rig,
-    opens_stable,
-    spans_of,
-    words_of,
-)
+from beamdesign.checker.box_loop import alike, at_member, characteristic, figures, of_rig, opens_stable, spans, words_of
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS, Multiplier
-from beamdesign.checker.reading import Table, Unreadable, judged, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import ZERO, Pair, ends, is_hurwitz, unstable_roots
+from beamdesign.checker.roots import ONE, ZERO, Pair, S, ends, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import PRECISION_BITS, walked
 
 MASS = "outer_end_mass"
@@ -33,7 +24,7 @@ MASS = "outer_end_mass"
 # What the certificate states.
 
 
-def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
+def statements(table: Table, rig: Rig | None) -> Statements:
     """Every statement of a certificate over a box: whether it was proved, and it in words.
 
     Args:
@@ -138,7 +129,7 @@ class Claim:
 
         Of the outer end mass they may be less than the box, which is stated.
         """
-        own, asked = {*self.expression.own.keys}, _performing(rig)
+        own, asked = {*self.expression.own.keys}, spans(rig, performing=True)
         if self.kind == "gain_margin":
             low, high = self.whole.get("controller_gain", (fmpq(-1), fmpq(0)))
             asked = {"controller_gain": (low * self.limit, high)}
@@ -159,7 +150,7 @@ class Claim:
         waits = any(self.expression.ranges.get("delay", ()))
         if self.expression.delay != "delay" and (waits or self.expression.delay is not None):
             return False, f"{self.words}: of a loop with another delay"
-        weights = None if self.multiplier is None else self.multiplier.weights()
+        weights = () if self.multiplier is None else self.multiplier.weights()
         if rig is None or not alike(self.expression, characteristic(self.expression, rig, self.kind, weights)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         if not self._covers(rig):
@@ -189,12 +180,6 @@ def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:
     centre, radius = expression.circle or (fmpq(0), fmpq(0))
     slope = at_zero[1] - at_zero[0]
     return bool(abs(at_zero[0] + centre * slope) > radius * abs(slope))
-
-
-def _performing(rig: Rig) -> dict[str, Pair]:
-    """Of what effects span the part at which more than stability is asked."""
-    spans = {name: rig.effects[k].spans[key].performing for name, (k, key) in spans_of(rig).items()}
-    return spans | {"effect_gain": rig.gain(performing=True)}
 
 
 def is_stable(expression: Expression, member: dict[str, fmpq]) -> bool | None:
@@ -250,12 +235,11 @@ class Deviation:
         if any(not a < b for a, b in pairwise(self.edges)):
             raise Unreadable(f"{stated.place}: its bands must ascend")
         self.limits = [one.at_least("limit", 0, above=True) for one in bands]
-        self.marks = [[mark for line in one.words("tree") for mark in line.split()] for one in bands]
+        self.trees = [[mark for line in one.words("tree") for mark in line.split()] for one in bands]
         own = (f" with {name} {words_of(self.expression.ranges[name])}" for name in sorted(self.expression.own.keys))
         self.words = (
             f"an error of at most {short(self.size, up=False)} {UNITS[self.place]} moves the tip by at most"
-            f" {short(self.bound, up=True)} m"
-            f" for every member of the box{' and'.join(own)}"
+            f" {short(self.bound, up=True)} m for every member of the box{' and'.join(own)}"
         )
 
     def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:
@@ -266,7 +250,7 @@ class Deviation:
         if any(not self.whole[n][0] <= ranges[n][0] <= ranges[n][1] <= self.whole[n][1] for n in expression.own.keys):
             return False, f"{self.words}: over ranges of its own that are not within the box"
         moved = None if rig is None else self._moved(rig)
-        if moved is None or not alike(expression, moved := self._left(moved)):
+        if moved is None or not alike(expression, moved):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         member = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in member.items()}
         if not is_hurwitz(at_member(moved.subs({"unknown": fmpq(0)}), member)):
@@ -278,26 +262,26 @@ class Deviation:
             if not ends(self.size * integral.sqrt())[1] <= self.bound:
                 return False, f"{self.words}: its limits come to more"
         count = 0
-        for since, until, limit, marks in zip(
-            self.edges, [*self.edges[1:], None], self.limits, self.marks, strict=True
-        ):
+        for since, until, limit, tree in zip(self.edges, [*self.edges[1:], None], self.limits, self.trees, strict=True):
             expression.circle = Circle(fmpq(0), 1 / limit)
             with ctx.workprec(PRECISION_BITS):
                 without, with_it = (expression.value(member, fmpq(u), acb(0, arb(since))) for u in (0, 1))
                 if not abs(with_it - without) < limit * abs(without):
                     return False, f"{self.words}: not at the member at {short(since)} rad/s"
-            clear, where = walked(expression, marks, since, until)
+            clear, where = walked(expression, tree, since, until)
             count += clear
             if where:
                 return False, f"{self.words}: piece {count + 1}, {where}, is not seen to be clear"
         return judged(True, f"{self.words}: {len(self.limits)} bands, {count} pieces")
 
     def _moved(self, rig: Rig) -> fmpq_mpoly | None:
-        """The rig's polynomial with the unknown, before it is moved; None where the lead is not large enough."""
+        """The rig's polynomial with the unknown at s - a; None where the lead is not large enough."""
         stated, ranges = self.expression, self.expression.ranges
 
         def of(place: str) -> fmpq_mpoly:
-            return characteristic(stated, rig, KIND, None, (place, self.corner + self.decay))
+            whole = characteristic(stated, rig, KIND, (ONE, ONE, S + self.corner + self.decay), place)
+            s, *others = whole.context().gens()
+            return whole.compose(s - self.decay, *others, ctx=whole.context())
 
         if not self.lead:
             return of(self.place)
@@ -307,13 +291,8 @@ class Deviation:
         variable = dict(zip(force.context().names(), force.context().gens(), strict=True))
         leakage, area, oil = (variable.get(name, ends[name][0]) for name in _STROKE)
         s, (r, t), ((least, most), (small, large), (soft, _)) = variable["s"], self.lead, (ends[n] for n in _STROKE)
-        if (force - plain) * (area * oil) != (flow - plain) * (leakage * oil + area**2 * s):
+        if (force - plain) * (area * oil) != (flow - plain) * (leakage * oil + area**2 * (s - self.decay)):
             return None
         if r < max(most / small, self.decay * large / soft - least / large) or t < large / soft:
             return None
-        return plain + (flow - plain) * (r + t * (s + self.decay))
-
-    def _left(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
-        """A polynomial at s - a, s being the first variable."""
-        s, *others = polynomial.context().gens()
-        return polynomial.compose(s - self.decay, *others, ctx=polynomial.context())
+        return plain + (flow - plain) * (r + t * s)

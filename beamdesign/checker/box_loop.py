@@ -4,7 +4,7 @@ The loop is built from the rig, its controller and its effects, with a variable 
 the expression multiplied out: they may differ by a number, and by powers of what is positive.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from math import prod
 from typing import Any
@@ -13,8 +13,8 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED, decimal
-from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
-from beamdesign.checker.reading import Table, Unreadable, rational, short, span
+from beamdesign.checker.mechanics import Elements, Number, Parts
+from beamdesign.checker.reading import Statements, Table, Unreadable, rational, short, span
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, refuse_size, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
 from beamdesign.checker.work import spend, times
@@ -40,11 +40,11 @@ _OF_ANY_LOOP = "controller_gain", "controller_zero", "controller_pole", "effect_
 _HALVINGS = 40
 
 
-def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[bool, str]]:
+def of_rig(table: Table, expression: Expression, rig: Rig) -> Statements:
     """That the expression is that of the rig's loop, and what each range is of the rig's own figure."""
-    own, spans = figures(rig), spans_of(rig)
+    own, made = figures(rig), spans(rig)
     left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
-    needed = {*left, *spans, *(("effect_gain",) if rig.gain() != ONCE else ())}
+    needed = {*left, *made}
     if wrong := sorted(expression.ranges.keys() - own.keys() - needed | needed - expression.ranges.keys()):
         raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
     negative = (name for name in expression.ranges if name in (*left, *own) and expression.ranges[name][0] < 0)
@@ -55,13 +55,12 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
         if name in own and not ends[0] <= own[name] <= ends[1]:
             yield False, f"{name}: the rig's own, {short(own[name])}, is not within {words_of(ends)}"
         elif ends[0] < ends[1] or name in needed:
-            share = f"{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
+            share = f"{_share(name, ends, own, deviations)}{_of_effects(name, made)}"
             yield True, f"{'for every' if ends[0] < ends[1] else 'with'} {name} {words_of(ends)}{share}"
-    made = {name: rig.effects[k].spans[key].ends for name, (k, key) in spans.items()} | {"effect_gain": rig.gain()}
-    for name in needed & made.keys():
+    for name, whole in made.items():
         low, high = expression.ranges[name]
-        if not low <= made[name][0] <= made[name][1] <= high:
-            words = f"{words_of((low, high))} leaves out some of {span(made[name])} that effects make of it"
+        if not low <= whole[0] <= whole[1] <= high:
+            words = f"{words_of((low, high))} leaves out some of {span(whole)} that effects make of it"
             yield False, f"{name}: {words}"
     proved = alike(expression, characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
@@ -82,7 +81,14 @@ def figures(rig: Rig) -> dict[str, fmpq]:
     return found
 
 
-def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
+def spans(rig: Rig, performing: bool = False) -> dict[str, Pair]:
+    """What effects make of each span and of the gain, by name in a box, or where of it more than stability is asked."""
+    own = {name: rig.effects[k].spans[key] for name, (k, key) in _places(rig).items()}
+    found = {name: one.performing if performing else one.ends for name, one in own.items()}
+    return found | ({"effect_gain": rig.gain(performing)} if rig.gain() != ONCE else {})
+
+
+def _places(rig: Rig) -> dict[str, tuple[int, str]]:
     """Spans of effects by their names in a box: which effect's, and which."""
     found: dict[str, tuple[int, str]] = {}
     for k, effect in enumerate(rig.effects):
@@ -95,26 +101,18 @@ def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
 
 
 def characteristic(
-    expression: Expression,
-    rig: Rig,
-    claim: str = "",
-    weights: Sequence[fmpq_poly] | None = None,
-    error: tuple[str, fmpq] = ("", fmpq(0)),
+    expression: Expression, rig: Rig, claim: str = "", weights: Sequence[fmpq_poly] = (), place: str = ""
 ) -> fmpq_mpoly:
     """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
 
-    Of a claim with the unknown: see `CLAIMS`. A slope has weights of the opened loop, of the loop and of the loop times
-    the unknown, a deviation the place of an error and the corner.
+    Of a claim with the unknown: see `CLAIMS`. A slope and a deviation have weights of the opened loop, of the loop and
+    of what the unknown adds, a deviation the place of an error as well.
     """
-    forward, loop, above = _parts(expression, rig, claim, error[0])
-    if error[0]:
-        above *= forward.context().gen(0) + error[1]
-    if weights is not None:
+    forward, loop, above = _parts(expression, rig, claim, place)
+    if weights:
         s = forward.context().gen(0)
         of_denominator, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
         return of_denominator * forward + plain * loop + turned * above
-    if claim in ("", "gain_margin"):
-        return forward + loop
     return forward + above if claim in ("peak_sensitivity", "loop_gain") else forward + loop + above
 
 
@@ -141,23 +139,22 @@ def _polynomial(coefficients: Sequence[Number], s: fmpq_mpoly) -> fmpq_mpoly:
 
 
 def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tuple[fmpq_mpoly, fmpq_mpoly, fmpq_mpoly]:
-    """The opened loop, what feedback adds to it, and what the unknown adds."""
+    """The opened loop, what feedback adds to it, and what the unknown adds, nothing where there is none."""
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
-    context = fmpq_mpoly_ctx.get(list(_names(expression)), "lex")
+    special = [expression.transport] * bool(expression.transport) + [UNKNOWN] * bool(expression.circle)
+    varying = (name for name, (low, high) in expression.ranges.items() if low < high)
+    context = fmpq_mpoly_ctx.get(["s", *special, *varying], "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     none = context.constant(0)
     unknown = variable.get(UNKNOWN, none)
-    value: dict[str, Number] = own | {
-        name: variable[name] if low < high else low for name, (low, high) in expression.ranges.items()
-    }
+    value: dict[str, Number] = own | {name: variable.get(name, low) for name, (low, _) in expression.ranges.items()}
 
     def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
         return _polynomial(coefficients, variable["s"])
 
-    figure = {key: value[without_unit(key)] for key in rig.figures}
-    elements = _elements(rig, expression, value)
-    refuse_size(elements, law)
+    parts = Parts({key: value[without_unit(key)] for key in rig.figures}, _elements(rig, expression, value), ring)
+    refuse_size(parts.elements, law)
     if {"controller_zero", "controller_pole"} & expression.ranges.keys():
         zero, pole, gain = (value[f"controller_{name}"] for name in ("zero", "pole", "gain"))
         numerators = {SENSED[0]: ring([gain * pole * zero, gain * pole])}
@@ -167,15 +164,14 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
         numerators = {name: share * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
-    disturbed = claim.endswith("compliance")
-    at = mechanics(figure, elements, masses, list(numerators), ring, disturbed, bool(place))
-    around, back = electronics(figure, elements, numerators, denominator, ring)
+    at = parts.mechanics(masses, list(numerators), claim.endswith("compliance"), bool(place))
+    around, back = parts.electronics(numerators, denominator)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = times(at.determinant, around)
     loop = factor * sum((times(by, at.sensed[name]) for name, by in back.items()), none)
     if place:
         own = factor * times(back[SENSED[0]], at.sensed[SENSED[0]])
-        known = strayed(figure, elements, at.strayed, around, own, len(numerators) == 1, ring)
+        known = parts.strayed(at.strayed, around, own, len(numerators) == 1)
         if place not in known:
             raise Unreadable("what such an error does to the tip is not known of this rig")
         above = known[place]
@@ -189,19 +185,9 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
     return forward, loop, unknown * above
 
 
-def _names(expression: Expression) -> Iterator[str]:
-    """Variables: s, the delay's exponential, and the parameters that vary, which do not stand for anything else."""
-    yield "s"
-    if expression.transport:
-        yield expression.transport
-    if expression.circle:
-        yield UNKNOWN
-    yield from (name for name, (low, high) in expression.ranges.items() if low < high)
-
-
 def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> Elements:
     """Those of all effects over their spans; what has to be positive is so at all corners, hence between."""
-    places = [(name, *place) for name, place in spans_of(rig).items()]
+    places = [(name, *place) for name, place in _places(rig).items()]
     fixed = [{name: span.ends[0] for name, span in effect.spans.items()} for effect in rig.effects]
     ends = [sorted({*expression.ranges[name]}) for name, _, _ in places]
     if sum(len(pair) - 1 for pair in ends) > MOST_MEMBERS.bit_length() - 1:
@@ -232,10 +218,8 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
         if name in ("s", expression.transport, UNKNOWN):
             return variable[name]
         kind, members = expression.groups.get(name, ("sum", [name]))
-        total = one * int(kind == "product")
-        for member in members:
-            total = total + parameter[member] if kind == "sum" else total * parameter[member]
-        return total
+        together: Callable[..., fmpq_mpoly] = prod if kind == "product" else sum
+        return together((parameter[member] for member in members), start=one * int(kind == "product"))
 
     whole = expression.over_all()
     names = list(whole.context().names())
@@ -245,11 +229,7 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
         raise Unreadable("the expression has too many terms over the parameters of its groups")
     spend(5 * len(names) * (count + len(loop)))
     # What enters by its reciprocal: p times its highest power.
-    turned = {
-        k: max(powers[k] for powers in whole.monoms())
-        for k, n in enumerate(names)
-        if n in expression.reciprocal and whole != 0
-    }
+    turned = {k: whole.degrees()[k] for k, name in enumerate(names) if name in expression.reciprocal}
     terms = {
         tuple(turned[k] - power if k in turned else power for k, power in enumerate(map(int, powers))): c
         for powers, c in whole.terms()
@@ -292,14 +272,10 @@ def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[s
     return words
 
 
-def _of_span(name: str, rig: Rig, spans: Mapping[str, tuple[int, str]]) -> str:
+def _of_effects(name: str, made: Mapping[str, Pair]) -> str:
     """What the effects themselves allow."""
-    if name == "effect_gain":
-        return f", of {words_of(rig.gain())} that its effects make of it"
-    if name not in spans:
-        return ""
-    k, key = spans[name]
-    return f", of {words_of(rig.effects[k].spans[key].ends)} that the effect makes of it"
+    maker = "its effects make" if name == "effect_gain" else "the effect makes"
+    return f", of {words_of(made[name])} that {maker} of it" if name in made else ""
 
 
 def deviations_of(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:

@@ -11,8 +11,8 @@ from itertools import pairwise, product
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.checker.mass_range import Statements, up_to
-from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
+from beamdesign.checker.mass_range import up_to
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import ZERO, Family, Pair, S, Slack, bound, inner, parts, pieces
 

@@ -95,14 +95,14 @@ class Expression:
                 raise Unreadable(f"there are two groups {name}")
             self.groups[name] = group.word("kind", "sum", "product"), group.words("members")
         self.variables = self.merged(self.ranges) | ({UNKNOWN: (fmpq(0), fmpq(1))} if circle else {})
-        texts, body = table.optional("leaf"), _text(table, "p")
-        leaves = {_name(name, texts): _text(texts, name) for name in texts.keys} or {"p": body}
+        texts, body = table.optional("leaf"), table.word("p", longest=LONGEST_EXPRESSION)
+        leaves = {_name(one, texts): texts.word(one, longest=LONGEST_EXPRESSION) for one in texts.keys} or {"p": body}
         delays = table.optional("delay")
         late = {_name(name, delays): delays.word(name) for name in delays.keys}
         self.delay = next(iter(late.values()), None)
         if len(late) > 1 or (self.delay is not None and not self.variables.get(self.delay, (-1,))[0] >= 0):
             raise Unreadable("there may be one delay, which is not negative")
-        known, own = {"s", *late, *leaves}, {UNKNOWN} if circle else set()
+        own = {UNKNOWN} if circle else set()
         if clash := sorted(
             {*late} & {*leaves}
             | {"s"} & {*late, *leaves, *self.variables, *self.ranges}
@@ -110,10 +110,8 @@ class Expression:
             | own & {*late, *leaves, *self.ranges, *self.groups}
         ):
             raise Unreadable(f"these names stand for more than one thing: {', '.join(clash)[:200]}")
-        self.packs = [
-            Table({"pack": pack}, "bound").words("pack")
-            for pack in (table.entries("bound") if "bound" in table else [])
-        ]
+        bound = table.entries("bound") if "bound" in table else []
+        self.packs = [Table({"pack": pack}, "bound").words("pack") for pack in bound]
         enumerated = [name for pack in self.packs for name in pack]
         if not all(self.packs) or len(set(enumerated)) < len(enumerated) or not {*enumerated} <= leaves.keys():
             raise Unreadable("bound must hold lists of leaves, each leaf once")
@@ -134,8 +132,7 @@ class Expression:
         self.enters = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.variables.items()}
         self.varying = tuple(name for name, (low, high) in self.variables.items() if low < high)
         tree = _parsed(body, "p") if texts.keys else ast.Name("p")
-        places = {name: k for k, pack in enumerate(self.packs) for name in pack}
-        self.body = _structure(tree, known, late, places, own)
+        self.body = self._structure(tree)
         if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
         self.quotient = _divided(self.body, table.words("divisors") if "divisors" in table else [])
@@ -154,10 +151,8 @@ class Expression:
             ends = [ranges.pop(member) for member in members]
             if kind == "product" and any(low < 0 for low, _ in ends):
                 raise Unreadable(f"group {name}: a factor may be negative")
-            start = fmpq(int(kind == "product"))
-            low, high = (
-                prod(side, start=start) if kind == "product" else sum(side, start) for side in zip(*ends, strict=True)
-            )
+            together: Callable[..., fmpq] = prod if kind == "product" else sum
+            low, high = (together(side, start=fmpq(int(kind == "product"))) for side in zip(*ends, strict=True))
             ranges[name] = low, high
         return ranges
 
@@ -189,6 +184,22 @@ class Expression:
         terms, powers = _size(tree)
         spend(20 * terms * (1 + max(powers.values(), default=0)))
         return value(tree)
+
+    def _structure(self, node: ast.expr) -> Node:
+        """What of p a tree is."""
+        match node:
+            case ast.Name(id=name) if name == UNKNOWN and self.circle:
+                return Node("unknown", name, (), ())
+            case ast.Name(id=name) if name == self.transport:
+                return Node("delay", self.delay or "", (), ())
+            case ast.Name(id=name) if name in self.leaves:
+                return Node("leaf", name, (), tuple(k for k, pack in enumerate(self.packs) if name in pack))
+            case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
+                kind = "sum" if isinstance(operation, ast.Add) else "product"
+                parts = [self._structure(side) for side in (left, right)]
+                flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
+                return Node(kind, "", flat, tuple(sorted({k for part in flat for k in part.packs})))
+        raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
 
     def _terms(self, polynomial: fmpq_mpoly) -> list[Term]:
         found = []
@@ -259,13 +270,6 @@ def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
     return {name: max(term.powers.get(name, 0) for term in terms) for name in names}
 
 
-def _text(table: Table, key: str) -> str:
-    value = table.take(key)
-    if not isinstance(value, str) or len(value) > LONGEST_EXPRESSION:
-        raise Unreadable(f"{table.place_of(key)} must be a text of at most {LONGEST_EXPRESSION} characters")
-    return value
-
-
 def _name(name: str, table: Table) -> str:
     if not _NAME.fullmatch(name) or len(table.keys) > LONGEST_LIST:
         raise Unreadable(f"{table.place}: not a name, or too many: {name[:60]!r}")
@@ -312,39 +316,19 @@ def _below(tree: ast.AST) -> set[str]:
     return {name.id for node in quotients for name in ast.walk(node.right) if isinstance(name, ast.Name)}
 
 
-def _structure(
-    node: ast.expr, leaves: set[str], delays: Mapping[str, str], packs: Mapping[str, int], unknown: set[str]
-) -> Node:
-    match node:
-        case ast.Name(id=name) if name in unknown:
-            return Node("unknown", name, (), ())
-        case ast.Name(id=name) if name in delays:
-            return Node("delay", delays[name], (), ())
-        case ast.Name(id=name) if name in leaves:
-            return Node("leaf", name, (), (packs[name],) if name in packs else ())
-        case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
-            kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, leaves, delays, packs, unknown) for side in (left, right)]
-            flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
-            return Node(kind, "", flat, tuple(sorted({k for part in flat for k in part.packs})))
-    raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
-
-
 def _divided(body: Node, divisors: Sequence[str]) -> Node:
     """P over some leaves: they are left out of the summand that they multiply, and divide the others."""
     summands = list(body.parts if body.kind == "sum" else (body,))
     count = body.folded(lambda node: Counter([node.name]), partial(reduce, add), partial(reduce, add))
     for name in divisors:
-        factor = Node("leaf", name, (), ())
+        factor, inverse = Node("leaf", name, (), ()), Node("inverse", name, (), ())
         of = [k for k, one in enumerate(summands) if one.kind == "product" and factor in one.parts]
         if len(of) != 1 or count[name] != 1 or len(summands[of[0]].parts) < 2:
             raise Unreadable(f"p cannot be divided by {name[:60]!r}, which is no factor of one of its summands alone")
         for k, one in enumerate(summands):
             parts = one.parts if one.kind == "product" else (one,)
             left = tuple(part for part in parts if part != factor)
-            summands[k] = one._replace(
-                kind="product", name="", parts=left if k == of[0] else (*left, Node("inverse", name, (), ()))
-            )
+            summands[k] = one._replace(kind="product", name="", parts=left if k == of[0] else (*left, inverse))
     return Node("sum", "", tuple(summands), body.packs)
 
 

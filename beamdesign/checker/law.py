@@ -176,16 +176,12 @@ class Schedule:
         self.figures: dict[str, Any] = _in_hertz({key: table.take(key) for key in ("kind", "stage", *SCHEDULED)})
 
     def _stage(self, table: Table) -> Stage:
-        sections = tuple(
-            tuple(
-                value
-                for end in ("zero", "pole")
-                for value in (self._radians(one, end), one.at_least(f"{end}_damping_ratio", 0, above=True))
-            )
-            for one in table.tables("section")
-        )
+        sections = tuple((*self._pair(one, "zero"), *self._pair(one, "pole")) for one in table.tables("section"))
         masses, gain = table.range("outer_end_mass_kg", least=0), table.at_least("gain_A_per_V", 0, above=True)
         return Stage(masses, gain, self._radians(table, "zero"), self._radians(table, "pole"), sections)
+
+    def _pair(self, section: Table, end: str) -> tuple[fmpq, fmpq]:
+        return self._radians(section, end), section.at_least(f"{end}_damping_ratio", 0, above=True)
 
     def _radians(self, table: Table, name: str) -> fmpq:
         radians = table.at_least(f"{name}_rad_per_s", 0, above=True)

@@ -10,35 +10,13 @@ from itertools import pairwise
 
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
+from beamdesign.checker import roots
 from beamdesign.checker.nonlinear import nonlinear
-from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import ONCE, Loop, Rig
-from beamdesign.checker.roots import (
-    NONE,
-    ZERO,
-    Family,
-    Pair,
-    Polynomials,
-    S,
-    Slack,
-    around,
-    bound,
-    ends,
-    halve,
-    isolate,
-    on_axis,
-    parts,
-    plus,
-    square_free,
-    squared,
-    stable_on_rectangle,
-)
+from beamdesign.checker.roots import NONE, ZERO, Family, Pair, Polynomials, S, Slack, plus, scaled, squared
 
 # What is stated of stability: ranges, crossings between them, and how far they reach.
-
-
-Statements = Iterator[tuple[bool, str]]
-"""Of a certificate: whether each was proved, and it or its failure in words."""
 
 
 def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements:
@@ -86,7 +64,7 @@ def _ends(table: Table) -> Pair:
 
 def _reach(family: Family, least: fmpq) -> fmpq:
     """A mass from `least` up above which nothing critical remains."""
-    return max([least, *(bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
+    return max([least, *(roots.bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
 
 
 class Listed:
@@ -103,10 +81,10 @@ class Listed:
         )
 
 
-def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Iterator[tuple[bool, str]]:
+def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Statements:
     """Every root on the axis for a mass of the range is listed, and every one listed is there."""
     shared = family.p0.gcd(family.p1)
-    if on_axis(shared, (fmpq(0), bound(shared))) or shared(0) == 0:
+    if roots.on_axis(shared, (fmpq(0), roots.bound(shared))) or shared(0) == 0:
         yield not listed, "a root lies on the axis for every mass, so that none crosses"
         return
     left = list(listed)
@@ -143,7 +121,7 @@ def _axis_crossings(
 
     Eliminating the mass from both parts leaves an equation in x = w^2; at each of its roots the mass follows.
     """
-    (even0, odd0), (even1, odd1) = parts(family.p0), parts(family.p1)
+    (even0, odd0), (even1, odd1) = roots.parts(family.p0), roots.parts(family.p1)
     equation, endless = even0 * odd1 - odd0 * even1, even1.gcd(odd1)
     if equation.is_zero():
         return
@@ -151,40 +129,40 @@ def _axis_crossings(
         equation = equation / common
     if equation.degree() < 1:
         return
-    equation = square_free(equation)
-    ends = {end for pair in (*listed, (low, high)) for end in pair}
-    for found in isolate(equation, fmpq(0), bound(equation)):
+    equation = roots.square_free(equation)
+
+    def mass_of(interval: Pair) -> Pair | None:
+        """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
+        x = roots.around(interval)
+        for constant, slope in ((even0, even1), (odd0, odd1)):
+            below = arb_poly(slope)(x)
+            if not below.contains(0):
+                return roots.ends(-arb_poly(constant)(x) / below)
+        return None
+
+    known = {end for pair in (*listed, (low, high)) for end in pair}
+    for found in roots.isolate(equation, fmpq(0), roots.bound(equation)):
         interval = found
         for round_ in range(2000):
-            interval = halve(equation, interval)
-            mass = _mass(even0, odd0, even1, odd1, interval)
+            interval = roots.halve(equation, interval)
+            mass = mass_of(interval)
             if mass is None:
                 continue
             if mass[1] < low or mass[0] > high or take(mass, interval):
                 break
-            known = [end for end in ends if mass[0] <= end <= mass[1]] if round_ % 50 == 49 else []
-            hit = [end for end in known if on_axis(family.at(end), interval)]
+            met = [end for end in known if mass[0] <= end <= mass[1]] if round_ % 50 == 49 else []
+            hit = [end for end in met if roots.on_axis(family.at(end), interval)]
             if hit and take((hit[0], hit[0]), interval):
                 break
             edges = (*listed, (low, low), (high, high))
             if hit or not any(pair[0] <= mass[1] and mass[0] <= pair[1] for pair in edges):
                 for _ in range(40):
-                    interval = halve(equation, interval)
-                mass = _mass(even0, odd0, even1, odd1, interval) or mass
+                    interval = roots.halve(equation, interval)
+                mass = mass_of(interval) or mass
                 yield f"a root crosses the axis near {short(mass[0])} kg: not listed, or not at the frequency listed"
                 break
         else:
             yield f"a crossing near {short(interval[0])} (rad/s)^2 could not be placed"
-
-
-def _mass(even0: fmpq_poly, odd0: fmpq_poly, even1: fmpq_poly, odd1: fmpq_poly, interval: Pair) -> Pair | None:
-    """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
-    x = around(interval)
-    for constant, slope in ((even0, even1), (odd0, odd1)):
-        below = arb_poly(slope)(x)
-        if not below.contains(0):
-            return ends(-arb_poly(constant)(x) / below)
-    return None
 
 
 # What is claimed of magnitudes.
@@ -302,17 +280,12 @@ def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
 def _is_stable_over(loop: Loop, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
     """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
     denominator, numerator = ((p[0](s), p[1](s)) for p in (loop.loop_denominator, loop.loop_numerator))
-    return stable_on_rectangle(denominator, numerator, masses, (loop.gain[0] * times[0], loop.gain[1] * times[1]))
+    return roots.stable_on_rectangle(denominator, numerator, masses, (loop.gain[0] * times[0], loop.gain[1] * times[1]))
 
 
 def _slack(loop: Loop, bound: Bound, gain: fmpq) -> Slack:
-    numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
-    return Slack(
-        bound.limit,
-        *magnitudes(
-            bound.kind, loop.loop_denominator, numerator, loop.disturbance + (gain - 1) * loop.crossed, loop.law
-        ),
-    )
+    numerator, disturbance = scaled(loop.loop_numerator, gain), loop.disturbance + (gain - 1) * loop.crossed
+    return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, disturbance, loop.law))
 
 
 def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
@@ -334,12 +307,6 @@ def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
         if not Slack(bound.limit, (at, numerator[0]), top).nonnegative(*gains, bound.until, bound.start):
             return False
     return True
-
-
-def _breaks(loop: Loop, bound: Bound, mass: fmpq, square: fmpq, gain: fmpq) -> bool:
-    """Whether an inequality fails at one mass, w^2 and gain at which it is to perform."""
-    gains = loop.performing
-    return gains is not None and gains[0] <= gain <= gains[1] and _slack(loop, bound, gain).at(mass, square) < 0
 
 
 def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tuple[bool, str]:
@@ -365,7 +332,8 @@ def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tu
         words, truth = bound.words, whole and all(_keeps(loop, bound, masses) for loop in loops)
         if "squared_frequency" in witness:
             square = witness.at_least("squared_frequency", 0)
-            broken = any(_breaks(loop, bound, mass, square, gain) for loop in loops)
+            asked = (one for one in loops if one.performing and one.performing[0] <= gain <= one.performing[1])
+            broken = any(_slack(loop, bound, gain).at(mass, square) < 0 for loop in asked)
             at_witness = at_witness and bound.covers(square) and broken
         else:
             at_witness = at_witness and unstable()

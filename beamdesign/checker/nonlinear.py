@@ -21,14 +21,15 @@ Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of t
 coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from flint import acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.checker.reading import Table, Unreadable, judged, short, span
-from beamdesign.checker.rig import ONCE, PLACES, Loop
-from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, ends, inner, pieces, plus
+from beamdesign.checker import roots
+from beamdesign.checker.reading import Statements, Table, Unreadable, judged, short, span
+from beamdesign.checker.rig import PLACES, Loop
+from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, inner, plus, scaled
 from beamdesign.checker.work import height, of_roots, spend
 
 MOST_STATEMENTS = 16
@@ -39,24 +40,18 @@ DEEPEST = 20
 """Halvings of a range of masses: the less damping there is, the narrower the pieces are on which it is seen."""
 
 
-def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Iterator[tuple[bool, str]]:
+def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Statements:
     """Every statement about nonlinear loops: whether it was proved, and it or its failure in words."""
     if len(tables) > MOST_STATEMENTS:
         raise Unreadable(f"it states more than {MOST_STATEMENTS} things of nonlinear loops")
     for table in tables:
-        chosen = _of(table, loops)
-        held, words = _STATED[table.word("kind", *_STATED)](table, chosen, masses)
-        if len(chosen) < len(loops):
-            words += f"; of loops {', '.join(map(str, table.entries('loops')))} of {len(loops)} alone"
+        numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
+        if not numbers or sorted(set(numbers)) != numbers:
+            raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
+        held, words = _STATED[table.word("kind", *_STATED)](table, [loops[k - 1] for k in numbers], masses)
+        if len(numbers) < len(loops):
+            words += f"; of loops {', '.join(map(str, numbers))} of {len(loops)} alone"
         yield held, words
-
-
-def _of(table: Table, loops: Sequence[Loop]) -> list[Loop]:
-    """The loops that a statement is about, by their numbers from 1."""
-    numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
-    if not numbers or sorted(set(numbers)) != numbers:
-        raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
-    return [loops[k - 1] for k in numbers]
 
 
 class Multiplier:
@@ -119,41 +114,30 @@ def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
 def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
     place = table.word("place", *PLACES) if "place" in table else "law"
-    proved = all(_comes_to_rest(loop, multiplier, margin, masses, place) for loop in loops)
+
+    def fits(loop: Loop) -> bool:
+        """Whether the theorem holds of it: stable without and with feedback, L falling off, and the real part."""
+        denominator, closed = loop.cut(place)
+        falls = max(p.degree() for p in plus(closed, denominator, -1)) < denominator[0].degree()
+        stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
+        above, below = scaled(closed, multiplier.above), scaled(denominator, multiplier.below)
+        return falls and stable and _real_part_above(above, below, margin, masses)
+
     words = f"{multiplier.characteristics(PLACES[place])}, {len(loops)} loops, margin {short(margin, up=False)}"
-    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}")
-
-
-def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair, place: str) -> bool:
-    """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
-    (denominator, closed), by = loop.cut(place), (multiplier.above, multiplier.below)
-    falls = max(p.degree() for p in plus(closed, denominator, -1)) < denominator[0].degree()
-    stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
-    return falls and stable and _real_part_above(closed, denominator, by, margin, masses)
+    return judged(all(map(fits, loops)), f"{words}: Zames and Falb's multiplier of {multiplier.words}")
 
 
 def _real_part_above(
-    closed: Polynomials,
-    denominator: Polynomials,
-    by: Polynomials,
-    margin: fmpq,
-    masses: Pair,
-    times: fmpq = ONCE[0],
-    less: Polynomials = (ZERO, ZERO),
+    above: Polynomials, below: Polynomials, margin: fmpq, masses: Pair, less: Polynomials = (ZERO, ZERO)
 ) -> bool:
-    """Whether Re[closed / denominator] times the quotient `by` is at least a margin at every frequency and mass.
-
-    Where `less` is given, whether what it is more, times a factor, is at least |less / (denominator d)|^2, with d the
-    denominator of `by`.
-    """
+    """Whether Re[above / below] is at least a margin, and |less / below|^2 where given, at every frequency and mass."""
 
     def value(one: fmpq, two: fmpq) -> fmpq_poly:
         """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
-        p, p_other = ((closed[0] + mass * closed[1]) * by[0] for mass in (one, two))
-        o, o_other = ((denominator[0] + mass * denominator[1]) * by[1] for mass in (one, two))
-        off, off_other = (less[0] + mass * less[1] for mass in (one, two))
-        more = inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
-        return times * more - 2 * inner(off, off_other)
+        (p, p_other), (o, o_other), (off, off_other) = (
+            [constant + mass * slope for mass in (one, two)] for constant, slope in (above, below, less)
+        )
+        return inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other) - 2 * inner(off, off_other)
 
     def clear(low: fmpq, high: fmpq, left: int) -> bool:
         """On a piece at whose ends it is known, with so many halvings left."""
@@ -170,7 +154,7 @@ def nowhere_negative(polynomial: fmpq_poly) -> bool:
     if all(value >= 0 for value in polynomial.coeffs()):
         return True
     ends_well = polynomial.leading_coefficient() > 0 and polynomial(0) >= 0
-    return ends_well and all(polynomial(x) >= 0 for x in pieces([polynomial], NONE, bound(polynomial))[0])
+    return ends_well and all(polynomial(x) >= 0 for x in roots.pieces([polynomial], NONE, roots.bound(polynomial))[0])
 
 
 # Gains that change.
@@ -182,20 +166,20 @@ _WHOSE = {"volts": "sensor's", "flow": "valve's"}
 def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     place, margin = table.word("place", *_WHOSE), table.at_least("margin", 0, above=True)
     factors = table.range("gain", least=0)
-    proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
+
+    def fits(loop: Loop) -> bool:
+        """Whether the circle criterion holds of it, cut at the place."""
+        denominator, numerator = loop.loop_denominator, loop.loop_numerator
+        if place == "volts":  # what is fed back beside stays closed
+            denominator, numerator = plus(loop.closed, loop.displacement, -1), loop.displacement
+        low, high = (plus(denominator, numerator, g) for g in factors)
+        falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
+        stable = falls and Family(*low).is_stable_over(*masses)
+        return stable and _real_part_above(high, low, margin, masses)
+
     words = f"stable while the {_WHOSE[place]} gain changes in any way between {span(factors, ' and ')} times its own"
+    proved = all(map(fits, loops))
     return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin, up=False)}")
-
-
-def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: Pair) -> bool:
-    """Whether the circle criterion holds of a loop, cut at a place."""
-    denominator, numerator = loop.loop_denominator, loop.loop_numerator
-    if place == "volts":  # what is fed back beside stays closed
-        denominator, numerator = plus(loop.closed, loop.displacement, -1), loop.displacement
-    low, high = (plus(denominator, numerator, g) for g in factors)
-    falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
-    stable = falls and Family(*low).is_stable_over(*masses)
-    return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
 
 
 # Both at once.
@@ -204,46 +188,42 @@ def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: P
 def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     place, factors, multiplier = table.word("place", *_WHOSE), table.range("gain", least=0), Multiplier(table)
     margin, weight = (table.at_least(key, 0, above=True) for key in ("margin", "weight"))
-    if factors[0] == 0:
+    least, most = factors
+    if least == 0:
         raise Unreadable(f"{table.place_of('gain')} must be above zero")
-    proved = not multiplier.odd and all(
-        _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
-    )
+
+    def fits(loop: Loop) -> bool:
+        """Whether the inequality of both holds of it, and what that presupposes."""
+        denominator, numerator, own = loop.loop_denominator, loop.loop_numerator, loop.displacement
+        if place == "flow":
+            own = numerator
+            if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
+                raise Unreadable("the spool is not a part of this loop")
+            onto, back = scaled(own, most * loop.spool(-S)), (denominator[0] / loop.spool, denominator[1] / loop.spool)
+            slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
+        else:
+            above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
+            pairs = (own, above), (denominator, below)
+            if any(divmod(part, factor)[1] != 0 for parts, factor in pairs for part in parts):
+                raise Unreadable("the controller is not a part of this loop")
+            onto = most * above * (denominator[0] / below)(-S), most * above * (denominator[1] / below)(-S)
+            back = below * (own[0] / above)(-S), below * (own[1] / above)(-S)
+            slow = above.degree() - below.degree()
+        looped, turned = plus(numerator, own, least - 1), (1 - least / most) * multiplier.above
+        falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
+        less = plus(scaled(onto, turned), scaled(back, multiplier.below), -weight)
+        stable = falls and Family(*denominator).is_stable_over(*masses)
+        closed = scaled(plus(denominator, looped), 4 * weight * multiplier.above)
+        opened = scaled(denominator, multiplier.below)
+        return stable and _real_part_above(closed, opened, 4 * weight * margin, masses, less)
+
+    proved = not multiplier.odd and all(map(fits, loops))
     words = (
         f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the {_WHOSE[place]}"
         f" gain changes between {span(factors, ' and ')} times its own, about zero current without command and load, or"
         f" under constant ones where that gain is static too, {len(loops)} loops, margin {short(margin, up=False)}"
     )
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}")
-
-
-def _both_fit(
-    loop: Loop, place: str, factors: Pair, multiplier: Multiplier, weight: fmpq, margin: fmpq, masses: Pair
-) -> bool:
-    """Whether the inequality of both holds of a loop, and what it presupposes."""
-    (least, most), denominator, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
-    if place == "flow":
-        own = numerator
-        if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
-            raise Unreadable("the spool is not a part of this loop")
-        onto, back = [most * part * loop.spool(-S) for part in own], [part / loop.spool for part in denominator]
-        slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
-    else:
-        above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
-        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in denominator):
-            raise Unreadable("the controller is not a part of this loop")
-        onto = [most * above * (part / below)(-S) for part in denominator]
-        back = [below * (part / above)(-S) for part in own]
-        slow = above.degree() - below.degree()
-    looped, by = plus(numerator, own, least - 1), (multiplier.above, multiplier.below)
-    falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
-    share = 1 - least / most
-    less = plus((share * by[0] * onto[0], share * by[0] * onto[1]), (by[1] * back[0], by[1] * back[1]), -weight)
-    return (
-        falls
-        and Family(*denominator).is_stable_over(*masses)
-        and _real_part_above(plus(denominator, looped), denominator, by, margin, masses, 4 * weight, less)
-    )
 
 
 # Errors that are bounded.
@@ -269,13 +249,12 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
             break
         units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, count)
         proved = proved and all(unit * size <= bound for unit, (_, size, bound) in zip(units, listed, strict=True))
-    words = " and ".join(
+    each = " and ".join(
         f"{short(bound, up=True)} m by errors of at most {short(size, up=False)} {UNITS[place]}"
         for place, size, bound in listed
     )
-    return judged(
-        proved, f"the tip strays from the linear response at its own gain by at most {words}, {len(loops)} loops"
-    )
+    words = f"the tip strays from the linear response at its own gain by at most {each}, {len(loops)} loops"
+    return judged(proved, words)
 
 
 # Upper bounds of integrals of absolute impulse responses over a range of masses, in balls.
@@ -335,10 +314,10 @@ class _Response:
             raise Unreadable("an error that is differentiated")
         self._straight = [abs(arb(one[degree] / denominator[degree])) for one in numerators]
         spend(of_roots(denominator))
-        roots: list[Any] = denominator.complex_roots()
-        if any(count > 1 or not root.real < 0 for root, count in roots):
+        found: list[Any] = denominator.complex_roots()
+        if any(count > 1 or not root.real < 0 for root, count in found):
             raise Unreadable("poles that coincide, or are not stable")
-        self._poles = poles = [root for root, _ in roots if not root.imag < 0]
+        self._poles = poles = [root for root, _ in found if not root.imag < 0]
         shares = [(1 if pole.imag == 0 else 2) / acb_poly(denominator.derivative())(pole) for pole in poles]
         # at a root the part that passes straight through adds nothing
         self._weights = [[acb_poly(one)(p) * by for p, by in zip(poles, shares, strict=True)] for one in numerators]
@@ -350,7 +329,7 @@ class _Response:
             sums, bent = self._summed(fine, most)
             if all(bool(off <= total * arb(MOST_BENT)) for off, total in zip(bent, sums, strict=True)):
                 whole = (a + b + c for a, b, c in zip(sums, bent, self._straight, strict=True))
-                return [ends(one)[1] for one in whole]
+                return [roots.ends(one)[1] for one in whole]
             fine /= 4
 
     def _summed(self, fine: fmpq, most: int) -> tuple[list[arb], list[arb]]:

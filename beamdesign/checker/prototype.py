@@ -298,21 +298,16 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
             f"{which}_mass_kg": mass,
             f"{which}_damping_N_s_per_m": 2 * ratio * (stiffness * mass).sqrt(),
         }
-    turn = 2 * arb.pi()
-    for name, (part, key) in ACTUATORS[_actuator(prototype)].items():
+    kind, turn = table_of(prototype, "actuator").get("kind", "servo_cylinder"), 2 * arb.pi()
+    if not isinstance(kind, str) or kind not in ACTUATORS:
+        raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
+    for name, (part, key) in ACTUATORS[kind].items():
         value = _ball(prototype, part, key)
         found[name] = turn * value if key.endswith("_Hz") else value / turn if key == "lead_m" else value
     found["sensor_gain_V_per_m"] = _ball(prototype, "sensor", "gain_V_per_m")
     filtered = _of(prototype, "sensor", "filter_Hz") is not None
     found["filter_frequency_rad_per_s"] = turn * _ball(prototype, "sensor", "filter_Hz") if filtered else None
     return found
-
-
-def _actuator(prototype: Mapping[str, Any]) -> str:
-    kind = table_of(prototype, "actuator").get("kind", "servo_cylinder")
-    if not isinstance(kind, str) or kind not in ACTUATORS:
-        raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
-    return str(kind)
 
 
 def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]) -> tuple[arb, arb]:

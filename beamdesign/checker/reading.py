@@ -3,7 +3,7 @@
 import hashlib
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any
 
@@ -120,11 +120,11 @@ class Table:
             raise Unreadable(f"{self.place_of(key)} must be a range [least, most]{bound}")
         return values[0], values[1]
 
-    def word(self, key: str, *among: str) -> str:
+    def word(self, key: str, *among: str, longest: int = LONGEST_WORDS) -> str:
         """A text, one of some where they are given."""
         value = self.take(key)
-        if not isinstance(value, str) or len(value) > LONGEST_WORDS:
-            raise Unreadable(f"{self.place_of(key)} must be a text of at most {LONGEST_WORDS} characters")
+        if not isinstance(value, str) or len(value) > longest:
+            raise Unreadable(f"{self.place_of(key)} must be a text of at most {longest} characters")
         if among and value not in among:
             raise Unreadable(f"{self.place_of(key)} {value[:60]!r} is not known here; known are {', '.join(among)}")
         return value
@@ -238,6 +238,10 @@ def sealed(table: Table, text: str) -> tuple[bool, str]:
     digest = hashlib.sha256(_SEAL.sub("", text).encode()).hexdigest()
     intact = lines == [stated] and digest == stated
     return intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+
+
+Statements = Iterator[tuple[bool, str]]
+"""Of a certificate: whether each was proved, and it or its failure in words."""
 
 
 def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:

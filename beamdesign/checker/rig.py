@@ -15,8 +15,8 @@ from typing import Any
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
-from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, filters, mechanics, strayed
-from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
+from beamdesign.checker.mechanics import Elements, Number, Parts, add_weights
+from beamdesign.checker.reading import HIGHEST_DEGREE, Statements, Table, Unreadable, rational, short
 from beamdesign.checker.roots import ZERO, Pair, Polynomials, plus
 
 FIGURES = (
@@ -254,7 +254,7 @@ class Rig:
         if len({effect.name for effect in self.effects}) < len(self.effects):
             raise Unreadable("an effect stands there twice")
 
-    def statements(self) -> Iterator[tuple[bool, str]]:
+    def statements(self) -> Statements:
         """That what it states twice agrees."""
         if self.law is not None and self.law.follows is not None:
             good = self.law.follows
@@ -315,12 +315,11 @@ class Rig:
         if law is None:
             raise Unreadable("[controller] is not one law")
         refuse_size(elements, law)
-        signals = list(law.numerators)
+        parts, signals = Parts(self.figures, elements, fmpq_poly), list(law.numerators)
         bare, loaded = (
-            mechanics(self.figures, elements, (mass, self.inner_end_mass), signals, fmpq_poly, erring=mass == 0)
-            for mass in (fmpq(0), fmpq(1))
+            parts.mechanics((mass, self.inner_end_mass), signals, erring=mass == 0) for mass in (fmpq(0), fmpq(1))
         )
-        around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
+        around, back = parts.electronics(law.numerators, law.denominator)
         fed, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
         own = tuple(back[SENSED[0]] * at.sensed[SENSED[0]] for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
@@ -335,18 +334,17 @@ class Rig:
             law.of_displacement,
             self.gain(),
             self.gain(performing=True) if performs else None,
-            strayed(self.figures, elements, bare.strayed, around, own[0], len(law.numerators) == 1, fmpq_poly),
-            drive(self.figures, elements, fmpq_poly)[1] / drive(self.figures, Elements(), fmpq_poly)[1][0],
-            filters(self.figures, elements, fmpq_poly),
+            parts.strayed(bare.strayed, around, own[0], len(law.numerators) == 1),
+            parts.drive()[1] / Parts(self.figures, Elements(), fmpq_poly).drive()[1][0],
+            parts.filters(),
         )
 
     def _unfed(self, elements: Elements, around: fmpq_poly) -> Polynomials | None:
         if _FED_BACK not in self.figures:
             return None
-        still = {**self.figures, _FED_BACK: fmpq(0)}
+        still = Parts({**self.figures, _FED_BACK: fmpq(0)}, elements, fmpq_poly)
         bare, loaded = (
-            mechanics(still, elements, (fmpq(mass), self.inner_end_mass), (), fmpq_poly, disturbed=False).determinant
-            for mass in (0, 1)
+            still.mechanics((fmpq(mass), self.inner_end_mass), (), disturbed=False).determinant for mass in (0, 1)
         )
         return bare * around, (loaded - bare) * around
 

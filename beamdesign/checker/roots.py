@@ -32,6 +32,11 @@ def plus(one: Polynomials, other: Polynomials, times: fmpq | int = 1) -> Polynom
     return one[0] + times * other[0], one[1] + times * other[1]
 
 
+def scaled(one: Polynomials, factor: fmpq | fmpq_poly) -> Polynomials:
+    """One that is affine in the mass, times a factor."""
+    return one[0] * factor, one[1] * factor
+
+
 def _sign_changes(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> int:
     """An upper bound on the number of roots in the open interval, which is exact where it is 0 or 1."""
     spend(of_signs(polynomial, low, high))
@@ -162,12 +167,8 @@ def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
 
 def _hurwitz_matrix(polynomial: fmpq_poly, degree: int) -> fmpq_mat:
     size = max(degree - 1, 0)
-    entries = [
-        polynomial[k] if 0 <= (k := degree - 1 - 2 * column + row) <= degree else fmpq(0)
-        for row in range(size)
-        for column in range(size)
-    ]
-    return fmpq_mat(size, size, entries)
+    entries = [polynomial[degree - 1 - 2 * column + row] for row in range(size) for column in range(size)]
+    return fmpq_mat(size, size, entries)  # of a place beyond its ends a polynomial gives zero
 
 
 def is_hurwitz(polynomial: fmpq_poly) -> bool:
@@ -376,12 +377,10 @@ class Slack:
         deciding.append(b * b - 4 * a * c)
         if until is None:
             until = max([2 * start + 1, *(bound(q) for q in deciding if q.degree() > 0)])
-        points, _ = pieces(deciding, start, until)
-        return all(self._nonnegative_at(x, low, high) for x in points)
-
-    def _nonnegative_at(self, x: fmpq, low: fmpq, high: fmpq) -> bool:
-        a, b, _ = (polynomial(x) for polynomial in self.coefficients)
-        masses = [low, high]
-        if a > 0 and low < -b / (2 * a) < high:
-            masses.append(-b / (2 * a))
-        return all(self.at(mass, x) >= 0 for mass in masses)
+        for x in pieces(deciding, start, until)[0]:
+            masses, curvature = [low, high], a(x)
+            if curvature > 0 and low < (vertex := -b(x) / (2 * curvature)) < high:
+                masses.append(vertex)
+            if any(self.at(mass, x) < 0 for mass in masses):
+                return False
+        return True

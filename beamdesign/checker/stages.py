@@ -29,8 +29,7 @@ from itertools import permutations
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.checker.law import SENSED, VELOCITY, Law, Row, Stage
-from beamdesign.checker.mass_range import Statements
-from beamdesign.checker.reading import Table, Unreadable, short, span
+from beamdesign.checker.reading import Statements, Table, Unreadable, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import NONE, Pair, determinant_of, interpolated, is_hurwitz, pieces
 from beamdesign.checker.work import of_determinant, spend
@@ -204,7 +203,7 @@ def statements(table: Table, rig: Rig) -> Statements:
         kind, within = claim.word("kind", *_CLAIMS), claim.range("outer_end_mass_kg", least=0)
         if not low <= within[0] < within[1] <= high:
             raise Unreadable(f"{claim.place_of('outer_end_mass_kg')} is not within that of the certificate")
-        words, proved = _CLAIMS[kind](loops, claim, within)
+        words, proved = _CLAIMS[kind](Claim(loops, claim, kind, within))
         if kind == "stage_dwell" and rig.schedule is not None:
             kept = rig.schedule.dwell >= claim.number("dwell_s")
             words += f", {'kept' if kept else 'NOT kept'} by the schedule's dwell_s of {short(rig.schedule.dwell)}"
@@ -245,105 +244,80 @@ class Function:
         """Whether it is positive definite at all masses."""
         return positive_between(self.at, self.degree, *masses)
 
-    def falls(
-        self, loop: StateSpace, masses: Pair, decay: fmpq = NONE, rate: fmpq = NONE, resting: bool = False
-    ) -> bool:
+    def falls(self, loop: StateSpace, masses: Pair, decay: fmpq, rate: fmpq, resting: bool) -> bool:
         """Whether it falls as exp(-2 decay t) at all masses while they change at one rate, payload at rest or not."""
 
         def fall(mass: fmpq) -> fmpq_mat:
-            total, p = loop.bare_mass + mass, self.at(mass)
-            rise = _both(loop.matrix(mass), p) + p * (2 * decay) + self.slope(mass) * rate
-            return (_both(_velocity(loop.order), p) * rate if resting else p * 0) - rise * total
+            total, p, n = loop.bare_mass + mass, self.at(mass), loop.order
+            product = p * loop.matrix(mass)
+            rise = product + product.transpose() + p * (2 * decay) + self.slope(mass) * rate
+            # D P + P D, where D picks out the velocity of the tip
+            joined = [p[i, j] * ((i == VELOCITY) + (j == VELOCITY)) for i in range(n) for j in range(n)]
+            return fmpq_mat(n, n, joined) * (rate if resting else NONE) - rise * total
 
         return positive_between(fall, self.degree + 1, *masses)
 
 
-def _both(left: fmpq_mat, p: fmpq_mat) -> fmpq_mat:
-    product = p * left
-    return product + product.transpose()
-
-
-def _velocity(order: int) -> fmpq_mat:
-    """D, which picks out the velocity of the tip."""
-    pick = fmpq_mat(order, order)
-    pick[VELOCITY, VELOCITY] = fmpq(1)
-    return pick
-
-
-Claimed = tuple[str, bool]
+Proved = tuple[str, bool]
 """A claim in words, and whether it was proved."""
 
 
-def _fall(
-    loops: Sequence[StateSpace],
-    functions: list[Function],
-    masses: Pair,
-    decay: fmpq = NONE,
-    cases: Sequence[tuple[fmpq, bool]] = ((NONE, False),),
-) -> bool:
-    """Whether functions are positive and fall, one along every loop or each along its own, in all cases of a rate."""
-    pairs = zip(functions * len(loops) if len(functions) == 1 else functions, loops, strict=True)
-    return all(one.positive(masses) for one in functions) and all(
-        one.falls(loop, masses, decay, *case) for one, loop in pairs for case in cases
-    )
+class Claim:
+    """What is claimed of every loop over some masses, by functions: one along every loop, or each along its own."""
 
+    def __init__(self, loops: Sequence[StateSpace], table: Table, kind: str, masses: Pair) -> None:
+        self.loops, self.table, self.masses = loops, table, masses
+        own = table.tables("stage") if kind == "stage_dwell" else [table]
+        self.functions = [Function(one, loops[0].order) for one in own]
 
-def _stage_change(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    return "a payload that stays", _fall(loops, [Function(claim, loops[0].order)], masses)
+    def _stage_change(self) -> Proved:
+        return "a payload that stays", self._fall()
 
+    def _any_change(self) -> Proved:
+        return "any matched change of the payload", self.functions[0].degree == 0 and self._fall()
 
-def _any_change(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    function = Function(claim, loops[0].order)
-    return "any matched change of the payload", function.degree == 0 and _fall(loops, [function], masses)
+    def _payload_rate(self) -> Proved:
+        rate, (joins, from_rest) = self.table.at_least("rate_kg_per_s", 0, above=True), self._joining()
+        cases = [(rate, False), (-rate, False)] + [(rate, True)] * from_rest
+        return f"|dm/dt| up to {short(rate, up=False)} kg/s, {joins}", self._fall(cases=cases)
 
+    def _payload_jumps(self) -> Proved:
+        bare, masses, (joins, from_rest) = self.loops[0].bare_mass, self.masses, self._joining()
+        shares = [fmpq(1), (bare + masses[0]) / (bare + masses[1])][: 1 + from_rest]
+        ends = [self.functions[0].at(mass) for mass in masses]
+        words, proved = self._dwell([(before, _after(p, share)) for before in ends for p in ends for share in shares])
+        return f"sudden changes of the payload {words}, {joins}", proved
 
-def _payload_rate(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    function, rate = Function(claim, loops[0].order), claim.at_least("rate_kg_per_s", 0, above=True)
-    joins, from_rest = _joining(claim)
-    cases = [(rate, False), (-rate, False)] + [(rate, True)] * from_rest
-    return f"|dm/dt| up to {short(rate, up=False)} kg/s, {joins}", _fall(loops, [function], masses, NONE, cases)
+    def _stage_dwell(self) -> Proved:
+        if len(self.functions) != len(self.loops):
+            raise Unreadable(f"{self.table.place} needs a P for each stage")
+        pairs = permutations(self.functions, 2)
+        words, proved = self._dwell([(one.at(mass), two.at(mass)) for one, two in pairs for mass in self.masses])
+        return f"changes of stage {words}, at a payload that stays", proved
 
+    def _joining(self) -> tuple[str, bool]:
+        """How payload joins, in words, and whether it may be at rest when it does."""
+        joining = self.table.word("joining", "matched", "from_rest")
+        return f"payload {joining.replace('_', ' ')}", joining == "from_rest"
 
-def _payload_jumps(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    function, bare, (joins, from_rest) = Function(claim, loops[0].order), loops[0].bare_mass, _joining(claim)
-    shares = [fmpq(1), (bare + masses[0]) / (bare + masses[1])][: 1 + from_rest]
-    ends = [function.at(mass) for mass in masses]
-    changes = [(before, _after(after, share)) for before in ends for after in ends for share in shares]
-    words, proved = _dwell(loops, claim, masses, [function], changes)
-    return f"sudden changes of the payload {words}, {joins}", proved
+    def _fall(self, decay: fmpq = NONE, cases: Sequence[tuple[fmpq, bool]] = ((NONE, False),)) -> bool:
+        """Whether the functions are positive and fall in all cases of a rate."""
+        functions, masses = self.functions, self.masses
+        pairs = zip(functions * len(self.loops) if len(functions) == 1 else functions, self.loops, strict=True)
+        return all(one.positive(masses) for one in functions) and all(
+            one.falls(loop, masses, decay, *case) for one, loop in pairs for case in cases
+        )
 
-
-def _stage_dwell(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    functions = [Function(one, loops[0].order) for one in claim.tables("stage")]
-    if len(functions) != len(loops):
-        raise Unreadable(f"{claim.place} needs a P for each stage")
-    changes = [(one.at(mass), two.at(mass)) for one, two in permutations(functions, 2) for mass in masses]
-    words, proved = _dwell(loops, claim, masses, functions, changes)
-    return f"changes of stage {words}, at a payload that stays", proved
-
-
-def _joining(claim: Table) -> tuple[str, bool]:
-    """How payload joins, in words, and whether it may be at rest when it does."""
-    joining = claim.word("joining", "matched", "from_rest")
-    return f"payload {joining.replace('_', ' ')}", joining == "from_rest"
-
-
-def _dwell(
-    loops: Sequence[StateSpace],
-    claim: Table,
-    masses: Pair,
-    functions: list[Function],
-    changes: Sequence[tuple[fmpq_mat, fmpq_mat]],
-) -> Claimed:
-    """The time between changes, each with P before and after it, and whether functions that fall between allow it."""
-    dwell, factor, decay = (claim.at_least(key, 0, above=True) for key in ("dwell_s", "factor", "decay_per_s"))
-    proved = (
-        bool(arb(factor).log() < arb(2 * decay * dwell))
-        and all(one.degree <= 1 for one in functions)  # affine in m: the extremes of masses and of the share suffice
-        and _fall(loops, functions, masses, decay)
-        and all(positive(before * factor - after) for before, after in changes)
-    )
-    return f"every {short(dwell, up=True)} s on average", proved
+    def _dwell(self, changes: Sequence[tuple[fmpq_mat, fmpq_mat]]) -> Proved:
+        """The time between changes, each with P before and after it, and whether what falls between allows it."""
+        dwell, factor, decay = (self.table.at_least(key, 0, above=True) for key in ("dwell_s", "factor", "decay_per_s"))
+        proved = (
+            bool(arb(factor).log() < arb(2 * decay * dwell))
+            and all(one.degree <= 1 for one in self.functions)  # affine in m: extremes of masses and share suffice
+            and self._fall(decay)
+            and all(positive(before * factor - after) for before, after in changes)
+        )
+        return f"every {short(dwell, up=True)} s on average", proved
 
 
 def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:
@@ -353,12 +327,12 @@ def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:
     return fmpq_mat(n, n, [p[i, j] * scale[i] * scale[j] for i in range(n) for j in range(n)])
 
 
-_CLAIMS: dict[str, Callable[[Sequence[StateSpace], Table, Pair], Claimed]] = {
-    "stage_change": _stage_change,
-    "any_change": _any_change,
-    "payload_rate": _payload_rate,
-    "payload_jumps": _payload_jumps,
-    "stage_dwell": _stage_dwell,
+_CLAIMS = {
+    "stage_change": Claim._stage_change,
+    "any_change": Claim._any_change,
+    "payload_rate": Claim._payload_rate,
+    "payload_jumps": Claim._payload_jumps,
+    "stage_dwell": Claim._stage_dwell,
 }
 
 
@@ -372,9 +346,7 @@ def _frozen(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[
 
 
 def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[bool, str]:
-    stages = [
-        Table({"stage": stage}, example.place).whole("stage", 1, len(loops)) for stage in example.entries("stages")
-    ]
+    stages = [Table({"stage": k}, example.place).whole("stage", 1, len(loops)) for k in example.entries("stages")]
     weights, times = example.numbers("outer_end_mass_kg"), example.numbers("time_s")
     cycles = example.whole("cycles", 1, MOST_CYCLES)
     if not len(stages) == len(weights) == len(times) == 2 or min(times) <= 0:
@@ -394,7 +366,4 @@ def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[b
     return proved, f"{'the motion grows' if proved else 'growth is not proved'} for {words}, in turn"
 
 
-_COUNTEREXAMPLES: dict[str, Callable[[Sequence[StateSpace], Table, Pair], tuple[bool, str]]] = {
-    "frozen": _frozen,
-    "cycle": _cycle,
-}
+_COUNTEREXAMPLES = {"frozen": _frozen, "cycle": _cycle}

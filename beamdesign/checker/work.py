@@ -94,11 +94,8 @@ def of_products(some: Iterable[Any], others: Iterable[Any]) -> float:
 def _size(polynomials: Sequence[Any]) -> tuple[int, int, int]:
     """How many they are, terms of all, and bits of the longest of some of their coefficients."""
     samples = (one.coeffs()[:: 1 + len(one) // 8] for one in polynomials)
-    return (
-        len(polynomials),
-        sum(map(len, polynomials)),
-        max((height(fmpq(c)) for sample in samples for c in sample), default=1),
-    )
+    longest = max((height(fmpq(c)) for sample in samples for c in sample), default=1)
+    return len(polynomials), sum(map(len, polynomials)), longest
 
 
 def height(value: fmpq) -> int:

@@ -25,15 +25,9 @@ from beamdesign.files import write_whole
 from beamdesign.report.page import Picture
 from beamdesign.spelling import one_line
 
-STYLES = (
-    {"color": "black", "linestyle": "-"},
-    {"color": "0.45", "linestyle": "-"},
-    {"color": "black", "linestyle": "--"},
-    {"color": "0.45", "linestyle": ":"},
-    {"color": "black", "linestyle": "-."},
-    {"color": "0.45", "linestyle": "--"},
-    {"color": "black", "linestyle": ":"},
-    {"color": "0.45", "linestyle": "-."},
+STYLES = tuple(
+    {"color": colour, "linestyle": line}
+    for colour, line in zip(["black", "0.45"] * 4, ["-", "-", "--", ":", "-.", "--", ":", "-."], strict=True)
 )
 """Line styles that stay apart in grey print, in order of use; after eight they begin again."""
 

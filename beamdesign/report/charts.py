@@ -8,7 +8,7 @@ did, and the limits that it met.
 import csv
 from collections.abc import Mapping, Sequence
 from io import StringIO
-from itertools import cycle, groupby, pairwise
+from itertools import groupby, pairwise
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.plant.actuators import FELT
 from beamdesign.quantities import at_least, parted, quantity
-from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, note, plain_numbers, save, styled
+from beamdesign.report.canvas import LIMIT, finish, inline_svg, new_figure, note, plain_numbers, save, styled
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.spelling import in_plot
 
@@ -51,9 +51,8 @@ def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None
     top = 6 * float(max(least.max(), asked_N or 0.0))
     bottom = 0.5 * float(max(least.min(), 1e-3 * top))
     axes.fill_between(frequency, bottom, least, color="0.9", linewidth=0)
-    for (name, limit), style in zip(envelope.limits_N.items(), cycle(STYLES), strict=False):
-        line = axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1)[0]
-        line.set(**style)
+    for name, limit, style in styled(envelope.limits_N):
+        axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1, **style)
     axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
     if asked_N is not None:
         axes.axhline(asked_N, **LIMIT, label=f"asked for, {asked_N:g} N")
@@ -209,14 +208,13 @@ def plot_stable_bands(
             outline = np.array([[*at, *at[::-1], at[0]], np.clip([*bottom, *top[::-1], bottom[0]], *within)]).T
             parts.append(Outline(outline, closed=True))
     axes.add_patch(PathPatch(Outline.make_compound_path(*parts), color=shade, linewidth=0))
-    axes.fill_between(
-        [], [], color=shade, edgecolor=style.get("color"), label=label, linestyle=style.get("linestyle", "-")
-    )
+    lined: dict[str, Any] = {"edgecolor": style.get("color"), "linestyle": style.get("linestyle", "-")}
+    axes.fill_between([], [], color=shade, label=label, **lined)
     return axes
 
 
 _MOST_POINTS = 3000
-_TOLD = ("displacement_m", "current_A")
+_TOLD = {"displacement_m": "m", "current_A": "A"}
 
 
 Limits = Mapping[str, tuple[float, str]]
@@ -267,9 +265,8 @@ def plot_record(record: "SimulatedRecord", limits: Limits) -> Figure:
     for panel, part in zip(panels, axes, strict=True):
         _draw(part, panel, record, limits)
     # A record that ended early is shown in the time it had, and a little beyond.
-    axes[-1].set_xlim(
-        float(times[0]), float(times[-1]) if record.diverged_at_s is None else 1.02 * record.diverged_at_s
-    )
+    end = float(times[-1]) if record.diverged_at_s is None else 1.02 * record.diverged_at_s
+    axes[-1].set_xlim(float(times[0]), end)
     axes[-1].set_xlabel("time, s")
     figure.suptitle(in_plot(f"{record.name}: {record.reason or 'stable'}"), fontsize=9, x=0.02, ha="left")
     figure.align_ylabels(list(axes))
@@ -277,13 +274,13 @@ def plot_record(record: "SimulatedRecord", limits: Limits) -> Figure:
 
 
 def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) -> None:
-    shown = [(name, label) for name, label in panel.columns if name in record.columns]
-    peak = max(float(np.abs(record.column(name)).max()) for name, _ in shown)
+    shown = {label: name for name, label in panel.columns if name in record.columns}
+    peak = max(float(np.abs(record.column(name)).max()) for name in shown.values())
     factor, unit = next((s for s in panel.scales if s[0] * peak >= 1), panel.scales[-1])
-    for (name, label), style in zip(shown, STYLES, strict=False):
-        line = axes.plot(*_envelope(record.column("t_s"), factor * record.column(name)), linewidth=0.9, label=label)[0]
-        line.set(**style)
-    for name, _ in shown:
+    for label, name, style in styled(shown):
+        curve = _envelope(record.column("t_s"), factor * record.column(name))
+        axes.plot(*curve, linewidth=0.9, label=label, **style)
+    for name in shown.values():
         if name in limits and peak > 0.2 * limits[name][0]:
             limit, words = limits[name]
             for sign in (1, -1):
@@ -345,9 +342,9 @@ def write_record_page(
         svg = inline_svg(figure, f"record{position}", f"{record.name}: {verdict}")
         picture = Picture(svg, f"{record.name}.svg", escape(verdict))
         pictures.append(Part(record.name, (picture,)))
-        largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
-        current = (quantity(largest["current_A"], "A"),) if "current_A" in largest else ()
-        rows.append((escape(record.name), escape(verdict), quantity(largest["displacement_m"], "m"), *current))
+        told = [(record.column(name), unit) for name, unit in _TOLD.items() if name in record.columns]
+        largest = (quantity(float(np.abs(signal).max()), unit) for signal, unit in told)
+        rows.append((escape(record.name), escape(verdict), *largest))
     heads = ("record", "verdict", "largest displacement", "largest current")[: max(map(len, rows), default=4)]
     parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
     if effects:

@@ -164,7 +164,10 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     back = min(outer.back, inner.back)
     room = max(outer.depth, -back / 11)  # for a dimension and its words, of a slender link too
     _clamps(axes, outer, inner, room)
-    _load(axes, outer.depth / 2 - (0 if servo_on else deflection), room, tip_force_N)
+    tip = outer.depth / 2 - (0 if servo_on else deflection)
+    arrow = {"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0}
+    load, above = f"{decimal(tip_force_N)} N", (0, tip + 0.55 * room)
+    axes.annotate(load, (0, tip), xytext=above, arrowprops=arrow, ha="center", fontsize=8)
     gap = clearances(outer.section, inner.section)[0]
     which, other, left = ("inner", "outer", "straight") if servo_on else ("outer", "inner", "unloaded")
     axes.set_title(
@@ -196,9 +199,8 @@ def _rounded(half_width: float, half_depth: float, radius: float) -> np.ndarray:
 
 
 def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float], text: str, below: bool) -> None:
-    axes.annotate(
-        "", start, end, arrowprops={"arrowstyle": "<|-|>", "color": _LINE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
-    )
+    arrow = {"arrowstyle": "<|-|>", "color": _LINE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", start, end, arrowprops=arrow)
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 
@@ -223,11 +225,6 @@ def _clamps(axes: "Axes", outer: Drawn, inner: Drawn, room: float) -> None:
     axes.plot([0, 0], [low - 0.79 * room, -outer.depth / 2], color=_LINE, linewidth=0.4, linestyle=":")
 
 
-def _load(axes: "Axes", tip: float, room: float, force: float) -> None:
-    arrow, above = {"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0}, (0, tip + 0.55 * room)
-    axes.annotate(f"{decimal(force)} N", (0, tip), xytext=above, arrowprops=arrow, ha="center", fontsize=8)
-
-
 CAUSES = {"tip": "tip moves", "turning": "end turns", "twist": "end twists"}
 _CASES = ("without servo", "with servo")
 _COLOURS = ("0.5", "#2a78b8")
@@ -247,14 +244,11 @@ class Curves:
 
     def rows(self) -> list[dict[str, float]]:
         """One row per frequency, a column per curve."""
-        columns = {
+        columns = {"frequency_Hz": self.frequency_Hz} | {
             f"{direction}_{'servo' if servo else 'no_servo'}_{mass:g}_kg_m_per_N": values
             for (direction, servo, mass), values in self.magnitude.items()
         }
-        return [
-            {"frequency_Hz": float(f)} | {name: float(values[k]) for name, values in columns.items()}
-            for k, f in enumerate(self.frequency_Hz)
-        ]
+        return [dict(zip(columns, row, strict=True)) for row in np.column_stack([*columns.values()]).tolist()]
 
 
 def compliance_curves(model: "BothPlanes", found: "ArmResult", quick: float = 1.0) -> Curves:

@@ -24,6 +24,7 @@ from beamdesign.records import InputError, to_toml
 from beamdesign.report import gap_tables as tables
 from beamdesign.report.canvas import finish, in_page, new_figure, plain_numbers
 from beamdesign.report.figures import plot_compliance
+from beamdesign.report.gap_tables import WORDS
 from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
 from beamdesign.structure.arm import off_axis
@@ -179,9 +180,8 @@ def _curve(of: Cause, position: int) -> Picture:
     axes.fill_between(x, np.subtract(y, np.multiply(2, std)), np.add(y, np.multiply(2, std)), alpha=0.3)
     axes.plot(x, y)
     axes.set(xlabel=at, ylabel=of_what)
-    return in_page(
-        figure, f"curve{position}", f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
-    )
+    caption = f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
+    return in_page(figure, f"curve{position}", caption)
 
 
 def _compliance(
@@ -196,20 +196,18 @@ def _compliance(
         name: prototype.with_law(first.controller, prototype.payload.outer_end_mass_kg, first.inner_end_mass_kg)
         for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
     }
-    if renewed is not None and renewed.proofs:
-        prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
+    new = renewed.proofs[0][1] if renewed is not None and renewed.proofs else None
+    if new is not None:
+        prototypes["new controller, as diagnosed"] = new
     try:
         loops = {name: loop(prototype, performing=True).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
         return None
-    words = (
-        f"Compliance with {mass:g} kg outside, of the linear loop:"
-        f" {controller_text(first.controller, first.inner_end_mass_kg)}."
-    )
+    law = controller_text(first.controller, first.inner_end_mass_kg)
+    words = f"Compliance with {mass:g} kg outside, of the linear loop: {law}."
     if small := sorted({one.effect for prototype in prototypes.values() for one in near_rest(prototype)}):
         words += f" Small motion need not follow it: {in_words(', '.join(small))}."
-    if renewed is not None and renewed.proofs:
-        new = renewed.proofs[0][1]
+    if new is not None:
         words += f" New: {controller_text(new.own_controller, new.payload.inner_end_mass_kg)}."
     figure = new_figure(170.0, 92.0)
     plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)
@@ -222,7 +220,6 @@ def _figure(value: float, digits: int = 4) -> str:
 
 
 MODELS = ("before", "tuned", "after")
-WORDS = {"before": "as believed", "tuned": "re-tuned", "after": "with the cause", "noise": "noise alone"}
 # Told apart on white, on black and, by their dashes, in grey print.
 LINES: dict[str, dict[str, Any]] = {
     "before": {"color": "#d1495b", "linestyle": (0, (5, 2))},

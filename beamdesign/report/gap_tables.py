@@ -17,6 +17,8 @@ from beamdesign.parameters import PARAMETERS, TORSION
 from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak, stated_range
 from beamdesign.report.page import Table
 
+WORDS = {"before": "as believed", "tuned": "re-tuned", "after": "with the cause", "noise": "noise alone"}
+"""What each model is called."""
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
 _WIDEST_Z = 5.0
 _MOST_ROWS = 40
@@ -84,8 +86,7 @@ def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> t
         values = in_bands(errors, getattr(errors, model), edges)
         return errors.name, conditions.get(errors.name, ""), tuple(values.tolist())
 
-    models = (("before", "as believed"), ("after", "with the cause"))
-    return tuple(HeatMap(title, names, tuple(row(one, model) for one in all_errors)) for model, title in models)
+    return tuple(HeatMap(WORDS[of], names, tuple(row(one, of) for one in all_errors)) for of in ("before", "after"))
 
 
 def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | Table | None:

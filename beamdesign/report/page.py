@@ -139,13 +139,9 @@ class Document:
     key: tuple[tuple[str, str], ...]
     parts: tuple[Part, ...]
     subject: str = " of a twin-beam link"
+    """What a page says behind the kind, above the title."""
     beside: tuple[str, ...] = ()
     """Files that a page links to at its foot."""
-
-    @property
-    def about(self) -> str:
-        """What a page calls it above its title."""
-        return f"{self.kind}{self.subject}"
 
     @property
     def anchored(self) -> dict[str, Part]:

@@ -4,11 +4,10 @@ Their charts of what is stable over the outer end mass are exact: ranges on one 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from itertools import pairwise
 from math import asin, degrees, inf, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
 
 FAMILY = 41
-"""Masses of the range whose compliances are shaded."""
+"""Masses of the range whose compliances are shaded, and whose poles are drawn."""
 
 _STABLE = "0.72"
 """Grey of what is stable."""
@@ -35,8 +34,7 @@ LOCUS_GAIN = 10.0
 """Largest gain of the root locus over that of the design."""
 
 
-@dataclass(frozen=True)
-class CaptionedFigure:
+class CaptionedFigure(NamedTuple):
     """One figure with what stands below it.
 
     Attributes:
@@ -87,19 +85,18 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         found = figure.subplots(rows, columns, sharex=True, sharey=columns > 1, squeeze=False)
         return [axes for row in found for axes in row]
 
-    guarantee = prototype.guarantee
-    promised = guarantee.bandwidth_Hz if guarantee and guarantee.outer_end_mass_kg == bounds else None
+    proved = own if (own := prototype.guarantee) and own.outer_end_mass_kg == bounds else None
     caption = (
         "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
         " tip; dots where each curve first passes the limit. In colour, with the largest mass: the same rig with its"
         " servo off, which asks for no current; and, where sections are stated, one tube of the outer one's width,"
         " material and length that weighs as much as both tubes together."
     )
-    if promised is not None and guarantee:
+    if proved is not None:
         caption += (
-            f" The thick line is proved for {rigs_in_words(guarantee.sigmas)}: with the servo on and every mass of"
-            f" {span} no curve passes above it, up to {stated_bandwidth(promised)}; of the law and the figures that"
-            f" stand in {guarantee.certificate}."
+            f" The thick line is proved for {rigs_in_words(proved.sigmas)}: with the servo on and every mass of"
+            f" {span} no curve passes above it, up to {stated_bandwidth(proved.bandwidth_Hz)}; of the law and the"
+            f" figures that stand in {proved.certificate}."
         )
     if len(ends) > 1:
         caption += f" Shaded: between the least and the largest at {FAMILY} masses of the range, drawn and not proved."
@@ -109,9 +106,9 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         figures.shade_compliance(axes, family, f"{FAMILY} masses of {span}")
     figures.plot_compliance(axes, curves, goal.compliance_m_per_N, beside=figures.passive_curves(prototype, bounds[1]))
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    if promised is not None:
-        proved = [axes.get_xlim()[0], promised], [goal.compliance_m_per_N] * 2
-        axes.plot(*proved, color="black", linewidth=3, solid_capstyle="butt")
+    if proved is not None:
+        line = [axes.get_xlim()[0], proved.bandwidth_Hz], [goal.compliance_m_per_N] * 2
+        axes.plot(*line, color="black", linewidth=3, solid_capstyle="butt")
 
     (axes,) = framed("sensitivity", 75, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help.")
     figures.plot_sensitivity(axes, curves, goal.peak_sensitivity)
@@ -124,11 +121,11 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     figures.plot_loop_bode(upper, lower, curves, marked=[f"{decimal(mass)} kg" for mass in bounds])
 
     caption = "L of the nominal rig about the point -1, marked +; dots: nearest to it, 1 over the peak sensitivity."
-    peak = guarantee.peak_sensitivity if promised is not None and guarantee else goal.peak_sensitivity
-    if promised is not None and guarantee and peak > 1:
+    peak = goal.peak_sensitivity if proved is None else proved.peak_sensitivity
+    if proved is not None and peak > 1:
         gain, phase = (decimal(one, 3, ROUND_FLOOR) for one in (peak / (peak - 1), degrees(2 * asin(0.5 / peak))))
         caption += (
-            f" Shaded: no L enters this disc, proved for {rigs_in_words(guarantee.sigmas)} and every mass of {span}; so"
+            f" Shaded: no L enters this disc, proved for {rigs_in_words(proved.sigmas)} and every mass of {span}; so"
             f" each has a gain margin of at least {gain} and a phase margin of at least {phase}°."
         )
     (axes,) = framed("nyquist", 82, caption)
@@ -145,9 +142,12 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         f" {' and '.join(f'{mass:g} kg' for mass in ends)} on the outer tip. Squares: at this design's gain of"
         f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; {faster} lie outside."
     )
-    panels = framed("locus", 88, caption, columns=len(ends))
+    panels, factors = framed("locus", 88, caption, columns=len(ends)), np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()
     for panel, mass in zip(panels, ends, strict=True):
-        _draw_locus(panel, loop, mass, reach)
+        figures.plot_root_locus(panel, loop.at(mass), factors, {"this gain": 1.0})
+        panel.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
+        panel.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
+        panel.set_title(f"{decimal(mass)} kg outside", fontsize=9)
     for panel in panels[1:]:
         panel.set_ylabel("")
         if (legend := panel.get_legend()) is not None:  # it says what the first one does
@@ -193,15 +193,6 @@ def _locus_reach(loop: LoopAtMass) -> float:
     lost = [c for c in crossings if c.value < LOCUS_GAIN] or crossings[:1]
     oscillations = [c.frequency_Hz for c in lost] or [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
     return 1.35 * max([1.0, *oscillations])
-
-
-def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
-    """The upper half of a root locus at one mass, up to `reach` in Hz."""
-    factors = [*np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()]
-    figures.plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
-    axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
-    axes.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
-    axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
 
 def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
@@ -317,9 +308,7 @@ def plot_stable_gains(
     return axes
 
 
-def plot_pole_paths(
-    axes: Axes, loop: Loop, low_kg: float, high_kg: float, reach_Hz: float = inf, count: int = 41
-) -> Axes:
+def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, reach_Hz: float = inf) -> Axes:
     """Closed-loop poles in the upper half plane as the outer end mass goes through its range.
 
     Args:
@@ -328,17 +317,15 @@ def plot_pole_paths(
         low_kg: least mass, marked by circles.
         high_kg: largest mass, marked by squares; may be the same.
         reach_Hz: distance from the origin up to which poles are drawn.
-        count: masses at which poles are computed.
     """
-    paths = [loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count)]
+    whole = (loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, FAMILY))
+    paths = [poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)] for poles in whole]
     track = np.concatenate(paths)
-    track = track[(track.imag >= 0) & (np.abs(track) <= reach_Hz)]
     axes.plot(track.real, track.imag, ".", color="0.45", markersize=2.5)
     ends = {low_kg: (paths[0], "o")} | ({high_kg: (paths[-1], "s")} if high_kg > low_kg else {})
     for mass, (poles, marker) in ends.items():
-        upper = poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)]
-        (marks,) = axes.plot(upper.real, upper.imag, marker, color="black", label=f"{mass:g} kg")
-        marks.set(markersize=5, fillstyle="none")
+        style: dict[str, Any] = {"color": "black", "markersize": 5, "fillstyle": "none"}
+        axes.plot(poles.real, poles.imag, marker, label=f"{mass:g} kg", **style)
     axes.axvline(0.0, **LIMIT)
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
     return finish(axes, "real part, Hz (stable to the left of the line)", "imaginary part, Hz")

@@ -69,7 +69,7 @@ def run(problem: DesignProblem, options: Any) -> Answer:
         outputs["moving_mass_kg"] = found.sizing.beam_mass_kg + found.tuning.best.inner_end_mass_kg
     if found.prototype is not None and found.prototype.guarantee is not None:
         outputs["certificate_sha256"] = found.prototype.guarantee.certificate_sha256
-        details["prototype"] = found.prototype.model_dump(mode="json", exclude_none=True)
+        details["prototype"] = found.prototype
     return Answer(outputs, details, found.reason)
 
 
@@ -82,12 +82,8 @@ def codesign(problem: DesignProblem, options: case.CodesignOptions) -> Answer:
     point = found.point
     if point is None:
         return Answer({}, {"attempts": attempts}, found.reason)
-    details = {
-        "checks": [check_fields(check) for check in point.checks],
-        "attempts": attempts,
-        "prototype": point.prototype.model_dump(mode="json", exclude_none=True),
-    }
-    return Answer(point.columns(), details)
+    checks = [check_fields(check) for check in point.checks]
+    return Answer(point.columns(), {"checks": checks, "attempts": attempts, "prototype": point.prototype})
 
 
 def remedy(problem: DesignProblem, options: case.RemediesOptions) -> Answer:
@@ -339,9 +335,4 @@ def sim_to_real(prototype: Prototype, options: case.SimToRealOptions) -> Answer:
         "redesign_runs": None if new is None else runs(rig, new, masses),
         "redesign_gain_margin": gain_margin(rig, new, masses) if new is not None and linear else None,
     }
-    details = {
-        "sentences": found.sentences,
-        "diagnosed": found.prototype.model_dump(mode="json", exclude_none=True),
-        "redesign": renewed.reason,
-    }
-    return Answer(outputs, details)
+    return Answer(outputs, {"sentences": found.sentences, "diagnosed": found.prototype, "redesign": renewed.reason})

@@ -30,7 +30,7 @@ class Answer:
 
     Attributes:
         outputs: columns of the table by name, with the unit in the name: numbers, texts, yes or no, or lists of them.
-        details: what `study why` tells beyond: checks, shadow prices, certificates' words; plain values.
+        details: what `study why` tells beyond: checks, shadow prices, certificates' words; plain values and records.
         reason: why the answer is no; empty where it is yes.
     """
 
@@ -271,15 +271,9 @@ def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], var
     except InputError as error:
         plain, problems = worded, tuple(error.problems)
         read = [plain(document), plain(options)]
-    return Case(
-        task,
-        plain(document),
-        plain(options),
-        worded(varied),
-        hashlib.sha256(json.dumps([task, *read], sort_keys=True, ensure_ascii=False).encode()).hexdigest(),
-        code_digest(TASKS[task].place),
-        problems,
-    )
+    inputs = hashlib.sha256(json.dumps([task, *read], sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+    code = code_digest(TASKS[task].place)
+    return Case(task, plain(document), plain(options), worded(varied), inputs, code, problems)
 
 
 def parsed(task: str, document: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[Record, Record]:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.quantities import decimal, parted
-from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
+from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save, styled
 from beamdesign.report.charts import plot_stable_bands
 from beamdesign.spelling import in_plot
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
@@ -252,10 +252,10 @@ def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
 def _lines(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str) -> None:
     records = _placed(records, x)
     axes = figure.add_subplot()
-    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+    for name, rows, style in styled(_groups(asked, records)):
         there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
-        style: dict[str, Any] = STYLES[k % len(STYLES)] | {"marker": "o", "ms": 4, "label": name or None}
-        axes.plot(*zip(*sorted(there), strict=True) if there else ((), ()), **style)
+        points = zip(*sorted(there), strict=True) if there else ((), ())
+        axes.plot(*points, marker="o", ms=4, label=name or None, **style)
     missing = [value_of(row, x) for row in records if _number(row, y) is None]
     if missing:
         axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
@@ -323,14 +323,11 @@ def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) 
     records = _placed(records, x)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
-    crossings = [
-        (value_of(row, x), frequency, mass < 5)
-        for row in records
-        for mass, frequency in zip(
-            row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ()), strict=True
-        )
-        if frequency is not None
-    ]
+    crossings: list[tuple[Any, float, bool]] = []
+    for row in records:
+        listed = (row["outputs"].get(name, ()) for name in ("crossings_kg", "crossing_frequencies_Hz"))
+        there = ((mass, frequency) for mass, frequency in zip(*listed, strict=True) if frequency is not None)
+        crossings += [(value_of(row, x), frequency, mass < 5) for mass, frequency in there]
     for marker, light, words_of in (("o", True, "below 5 kg on the outer tip"), ("s", False, "at 5 kg and more")):
         points = [(at, frequency) for at, frequency, below in crossings if below is light]
         places = zip(*points, strict=True) if points else ((), ())

@@ -90,7 +90,11 @@ class SweepRun(Result):
             InputError: where none of the cases so far has inputs that are accepted; nothing is written then.
         """
         if not self.found and all(one.problems for one in cases):
-            raise refusal(self.laid, cases)
+            # Of the sweep's file where that says what is refused, of the base otherwise.
+            reasons, path = _first(problem for one in cases for problem in one.problems), self.laid.path
+            own = {"options", *(key for one in cases for key in one.varied)}
+            said_here = any(key in own or key.startswith("options.") for key, _ in reasons)
+            raise InputError(path if said_here else path.parent / self.laid.sweep.study.base, reasons)
         missing: dict[str, Case] = {}
         for one in cases:
             if one.address in self.found or one.address in missing:
@@ -209,14 +213,6 @@ def run_sweep(
 
 
 _SHOWN = 5
-
-
-def refusal(laid: Plan, cases: Sequence[Case]) -> InputError:
-    """That none of some cases is accepted, and why; of the sweep's file where that says it, of the base otherwise."""
-    reasons = _first(problem for one in cases for problem in one.problems)
-    own = {"options", *(key for one in cases for key in one.varied)}
-    said_here = any(key in own or key.startswith("options.") for key, _ in reasons)
-    return InputError(laid.path if said_here else laid.path.parent / laid.sweep.study.base, reasons)
 
 
 def _first(problems: Iterable[Problem]) -> list[Problem]:
@@ -348,10 +344,9 @@ def _column(values: list[Any]) -> Any:
     import pyarrow as pa
 
     kinds = {type(value) for value in values if value is not None}
-    if kinds == {int, float}:
-        values = [None if value is None else float(value) for value in values]
-    elif len(kinds) > 1:
-        values = [None if value is None else str(value) for value in values]
+    wider: type = float if kinds == {int, float} else str
+    if len(kinds) > 1:
+        values = [None if value is None else wider(value) for value in values]
     return pa.array(values)
 
 

@@ -122,7 +122,7 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                     if deaths[place] < TRIES:
                         waiting.appendleft(place)
                     else:
-                        record = dead(cases[place], TRIES)
+                        record = dead(cases[place])
                 if lost or record is not None:
                     busy.remove(process)
                     process.end() if lost else free.append(process)
@@ -202,9 +202,9 @@ def _deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def dead(found: Case, tried: int) -> dict[str, Any]:
+def dead(found: Case) -> dict[str, Any]:
     """The record of a case whose process died each time."""
-    return kept(found, "failed", Answer({}, reason=f"the process that computed it died, {tried} times"), 0.0)
+    return kept(found, "failed", Answer({}, reason=f"the process that computed it died, {TRIES} times"), 0.0)
 
 
 def _serve(pipe: Connection) -> None:
@@ -240,9 +240,8 @@ def cluster(address: str) -> Iterator[Workers]:
         from distributed import Client, KilledWorker, as_completed
         from distributed.comm import resolve_address
     except ModuleNotFoundError:
-        raise InputError(
-            "--scheduler", [(address, "dask.distributed is not installed: pip install 'beamdesign[cluster]'")]
-        ) from None
+        words = "dask.distributed is not installed: pip install 'beamdesign[cluster]'"
+        raise InputError("--scheduler", [(address, words)]) from None
     try:
         resolve_address(address)  # a client of no address waits for itself to close, and ends with a traceback
         client = Client(address, timeout="5s", set_as_default=False)
@@ -260,7 +259,7 @@ def cluster(address: str) -> Iterator[Workers]:
                 if future.status == "finished":
                     yield place, future.result()
                 elif isinstance(error := future.exception(), KilledWorker):  # tried as often as the cluster is set to
-                    yield place, dead(cases[place], TRIES)
+                    yield place, dead(cases[place])
                 else:
                     raise InputError("--scheduler", [(address, f"its workers cannot compute this: {error}")])
         finally:
