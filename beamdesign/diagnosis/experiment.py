@@ -12,8 +12,8 @@ data leave open. What derivatives do not say of those motions the right rival wi
 separates it from the others, and where it is much, what is separated will be taken for something that is not listed.
 
 An experiment is a record or a few, one after another, as many as tell most of what is open: a fit counts every record
-alike, so that a longer one tells no more than two short ones tell, which may be of the same signal. They stay within
-about what the rig's records have already asked of it.
+alike, so that a longer one tells no more than two short ones tell. Each is another one: what a rig has besides of which
+no rival knows is the same in a record that is taken again. They stay within about what its records have asked of it.
 
 A cause may follow one law or another: a lag of second order takes the place of a delay where one of first order cannot.
 So laws are rivals of their own, but which of two laws of the same cause it is tells nothing.
@@ -124,8 +124,8 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     """With the channels recorded so far and with one more each, best first.
 
     Of the records that promise most, those that can be predicted are looked at with re-tuning; where none can, as with
-    a joint that hammers, the first of all. To the best of them others are added, or the same again, as long as that
-    tells more and they do not tell nearly all.
+    a joint that hammers, the first of all. To the best of them others are added, as long as that tells more and they do
+    not tell nearly all.
     """
     most = _INSIDE * reached(data, rivals[0])
     looks = (_without_retuning(data, one, rivals, most) for one in while_time(menu(data), lambda _: _NEXT))
@@ -162,8 +162,9 @@ class _Foreseen(NamedTuple):
 def _grown(records: Sequence[_Foreseen], weights: Sequence[float]) -> Experiment:
     """The best record, and whatever others tell more beside it."""
     best, chosen = None, list[_Foreseen]()
-    while len(chosen) < _RECORDS:
-        wider = [(_joined([*chosen, one]), one) for one in records]
+    while len(chosen) < min(_RECORDS, len(records)):
+        left = [one for one in records if all(one is not other for other in chosen)]
+        wider = [(_joined([*chosen, one]), one) for one in left]
         found, further = max(wider, key=lambda each: each[0].worth(weights))
         if best is not None and found.worth(weights)[0] <= best.worth(weights)[0]:
             break

@@ -85,8 +85,7 @@ class Experiment:
         """In words."""
         if len(self.texts) == 1:
             return self.texts[0]
-        first = {one: k for k, one in reversed([*enumerate(self.texts, start=1)])}
-        numbered = (f"({k}) {one if first[one] == k else f'as ({first[one]})'}" for k, one in enumerate(self.texts, 1))
+        numbered = (f"({k}) {one}" for k, one in enumerate(self.texts, start=1))
         return f"{len(self.texts)} records of {self.scenario.duration_s:g} s: {'; '.join(numbered)}"
 
     @property
