@@ -1,17 +1,19 @@
 """Unknowns, weighting, replay and fits, against closed forms and differences."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_sets import believed, measured, only, scenario
 from rigs_of_effects import having
+from scipy.optimize import least_squares
 
 from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
+from beamdesign.diagnosis.fitting.fit import Fit, Fitted, Share, fit
 from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
@@ -23,6 +25,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     together,
     tolerated,
 )
+from beamdesign.diagnosis.fitting.kept import fit_cache
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.fitting.starts import starts
@@ -395,3 +398,39 @@ def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_pa
             assert len(one.shares) == len(fewer.records)
             np.testing.assert_array_equal(one.z, other.z)
     assert not np.array_equal(fresh[0].z, found.null.z)
+
+
+@dataclass
+class Decaying(Fitted):
+    """A exp(-b t) that was measured beside |A - 2|: a curved valley, and a kink in it."""
+
+    times: np.ndarray
+    measured: np.ndarray
+    sloped: int = 0
+
+    def residual(self, placement, z):
+        a, b = z
+        return np.append(self.measured - a * np.exp(-b * self.times), abs(a - 2.0))
+
+    def linearised(self, placement, z):
+        self.sloped += 1
+        a, b = z
+        decay = np.exp(-b * self.times)
+        rows = np.vstack([np.column_stack([-decay, a * self.times * decay]), [np.sign(a - 2.0), 0.0]])
+        return self.residual(placement, z), rows
+
+
+@pytest.mark.parametrize("start", [(0.1, 0.1), (8.0, -1.0), (-6.0, 4.0)])
+def test_a_fit_is_the_least_of_cost_with_few_derivatives(start):
+    """As scipy's least squares find it, with the priors as residuals; derivatives are worked out but now and then."""
+    times = np.linspace(0, 3, 40)
+    piece = Decaying(times, np.exp(-0.7 * times) + 0.01 * np.sin(9 * times))
+    wide = SimpleNamespace(unknowns=(SimpleNamespace(bounds=(-9.0, 9.0)),) * 2)
+    found = fit(NOTHING, wide, [piece], np.array(start))
+    assert piece.sloped <= 4  # 5 to 10 where every step has its own
+    best = least_squares(lambda z: np.append(piece.residual(wide, z), z), start, xtol=1e-14, ftol=1e-14)
+    assert found.cost == pytest.approx(2 * best.cost, rel=2e-4)
+    assert found.cost == pytest.approx(sum(s.c for s in found.shares) + found.z @ found.z, rel=1e-12)
+    residual, rows = piece.linearised(wide, found.z)
+    np.testing.assert_allclose(found.shares[0].a, rows.T @ rows, rtol=0.2, atol=0.2)
+    np.testing.assert_allclose(found.shares[0].g, rows.T @ residual, atol=0.1)

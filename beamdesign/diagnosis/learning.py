@@ -16,9 +16,10 @@ from scipy.special import expit
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause
 from beamdesign.diagnosis.fitting.evidence import record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
+from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest
 from beamdesign.diagnosis.gap_metrics import errors
 from beamdesign.diagnosis.judgement import Judgement, evidence, held_out_score, judge, odds

@@ -15,9 +15,10 @@ from scipy.optimize import minimize_scalar
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.judgement import judge

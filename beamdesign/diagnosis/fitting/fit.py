@@ -1,34 +1,34 @@
 """The most probable figures under a hypothesis, by Gauss and Newton with the model's own derivatives.
 
-Fits are kept on disk as they are made, so that a diagnosis that was interrupted goes on where it stopped.
+Derivatives cost five times what residuals do (and of a joint that hammers, where secants stand for them, forty times).
+So they are worked out anew only where a step has led to something else than they had promised; until then the
+residuals themselves correct them along every step, as C. G. Broyden has shown (Mathematics of Computation 19, 1965,
+577-593; with damping, K. Madsen, H. B. Nielsen and O. Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed.
+2004, section 3.5).
 """
 
-import hashlib
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from io import BytesIO
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from math import erfc, sqrt
-from pathlib import Path
 from typing import Any, Protocol
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.special import chdtrc
 
-from beamdesign.code_digest import code_digest
-from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement, Unknown
 from beamdesign.diagnosis.thresholds import THRESHOLDS
-from beamdesign.files import read_bytes, write_whole
-from beamdesign.prototype import Prototype
 from beamdesign.time_limit import heed
 
 ITERATIONS = 12
-_SETTLED = 1e-3  # relative fall of the cost at which a fit has settled
+_SETTLED = 2e-4  # relative fall of the cost at which a fit has settled
 _FURTHEST = 2.0  # in z, per iteration
+_ASTRAY = 0.3  # of the fall that slopes promise: where it is off by more, they are others
+_LITTLE = 1.0  # of the cost, so one standard deviation: no further than this from where they were worked out
 _HUGE = 1e9
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
+
+Rows = Sequence[tuple[np.ndarray, np.ndarray]]
+"""Of every piece of evidence the residual (M,) and its derivative (M, K)."""
 
 
 class Fitted(Protocol):
@@ -178,35 +178,96 @@ def fit(
         placement: its unknowns in the equations.
         evidence: what it has to explain.
         start: (K,) z.
-        iterations: at most.
+        iterations: at most, of those that work derivatives out.
     """
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
-    z = np.clip(start, low, high)
-    if (shares := _shares(evidence, placement, z)) is None:
+    nowhere = _Point(np.clip(start, low, high))
+    if (here := nowhere.anew(evidence, placement)) is None:
         return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable where the fit begins")
-    cost, damping = _cost(shares, z), 1e-3
-    for _ in range(iterations):
-        curvature = np.eye(len(z)) + sum(s.a for s in shares)
-        slope = z + sum(s.g for s in shares)
-        before, last = cost, z
-        while damping <= _MOST_DAMPING:
-            trial = _step(z, slope, curvature, damping, low, high)
-            value = misfit_at(evidence, placement, trial, cost)
-            if value < cost:
-                z, cost = trial, value
-                damping = max(damping / 10, _LEAST_DAMPING)
+    damping = 1e-3
+    while here.worked_out <= iterations and damping <= _MOST_DAMPING:
+        trial, promised = here.step(damping, low, high)
+        found = residuals_at(evidence, placement, trial, here.cost) if np.any(trial != here.z) else None
+        if found is None:
+            if not here.stale:
+                damping *= 10
+            elif (fresh := here.anew(evidence, placement)) is not None:
+                here = fresh
+            else:
                 break
-            damping *= 10
-        else:
+            continue
+        damping = max(damping / 10, _LEAST_DAMPING)
+        before, here = here, here.moved(evidence, trial, found)
+        fall = before.cost - here.cost
+        settled = fall < _SETTLED * before.cost
+        if here.far if settled else abs(fall - promised) > _ASTRAY * promised:
+            if (fresh := here.anew(evidence, placement)) is None:
+                here = before  # no further than where the slopes are known
+                break
+            here = fresh
+            settled = settled and here.step(damping, low, high)[1] < _SETTLED * here.cost
+        if settled:
             break
-        found = _shares(evidence, placement, z)
-        if found is None:  # no further than where the shares are known
-            z, cost = last, before
-            break
-        shares, cost = found, _cost(found, z)
-        if before - cost < _SETTLED * before:
-            break
-    return Fit(hypothesis, placement.unknowns, z, cost, tuple(shares))
+    if here.far:
+        here = here.anew(evidence, placement) or here
+    return Fit(hypothesis, placement.unknowns, here.z, here.cost, here.shares)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where a fit is.
+
+    Attributes:
+        z: (K,).
+        rows: worked out here, or residuals here beside derivatives of an earlier point, corrected since.
+        shares: of every piece, by these.
+        cost: here.
+        sloped: cost where the derivatives were worked out.
+        worked_out: how often they were on the way.
+    """
+
+    z: np.ndarray
+    rows: Rows = ()
+    shares: tuple[Share, ...] = ()
+    cost: float = np.inf
+    sloped: float = np.inf
+    worked_out: int = 0
+
+    @property
+    def stale(self) -> bool:
+        """Whether the derivatives are those of an earlier point."""
+        return self.sloped > self.cost
+
+    @property
+    def far(self) -> bool:
+        """Whether it is so far from there that they may say something else about the fit."""
+        return self.sloped - self.cost > _LITTLE
+
+    def step(self, damping: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+        """The point (K,) to try next, and by how much the cost is promised to fall there."""
+        slope, curvature = self.z + sum(s.g for s in self.shares), np.eye(len(self.z)) + sum(s.a for s in self.shares)
+        trial = _step(self.z, slope, curvature, damping, low, high)
+        move = trial - self.z
+        return trial, -float(2 * slope @ move + move @ curvature @ move)
+
+    def anew(self, evidence: Sequence[Fitted], placement: Placement) -> "_Point | None":
+        """The same with derivatives worked out here; None where the model cannot say."""
+        if (rows := linearised(evidence, placement, self.z)) is None:
+            return None
+        found = self._at(evidence, self.z, rows)
+        return replace(found, sloped=found.cost, worked_out=self.worked_out + 1)
+
+    def moved(self, evidence: Sequence[Fitted], to: np.ndarray, residuals: Sequence[np.ndarray]) -> "_Point":
+        """Another point with the residuals there, derivatives corrected by what these have changed along the way."""
+        move = to - self.z
+        along = move / (move @ move)
+        rows = [(r, j + np.outer(r - q - j @ move, along)) for r, (q, j) in zip(residuals, self.rows, strict=True)]
+        return self._at(evidence, to, rows)
+
+    def _at(self, evidence: Sequence[Fitted], z: np.ndarray, rows: Rows) -> "_Point":
+        each = zip(evidence, rows, strict=True)
+        shares = tuple(Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)) for piece, (r, j) in each)
+        return replace(self, z=z, rows=rows, shares=shares, cost=float(sum(s.c for s in shares) + z @ z))
 
 
 def _step(
@@ -235,10 +296,8 @@ def _step(
     return np.clip(z + move * min(1.0, _FURTHEST / max(largest, 1e-12)), low, high)
 
 
-def linearised(
-    evidence: Sequence[Fitted], placement: Placement, z: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]] | None:
-    """Residual (M,) and derivative (M, K) of every piece; None where the model cannot say, or is about to diverge."""
+def linearised(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray) -> Rows | None:
+    """Residuals and derivatives; None where the model cannot say, or is about to diverge."""
     rows = []
     for piece in evidence:
         heed()
@@ -249,151 +308,21 @@ def linearised(
     return rows
 
 
-def _shares(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray) -> list[Share] | None:
-    if (rows := linearised(evidence, placement, z)) is None:
-        return None
-    return [Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)) for piece, (r, j) in zip(evidence, rows, strict=True)]
-
-
-def _cost(shares: Sequence[Share], z: np.ndarray) -> float:
-    return float(sum(s.c for s in shares) + z @ z)
-
-
-def misfit_at(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
-    """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
-    total = float(z @ z)
+def residuals_at(
+    evidence: Iterable[Fitted], placement: Placement, z: np.ndarray, enough: float = np.inf
+) -> list[np.ndarray] | None:
+    """Residuals (M,) of every piece at z; None as soon as the cost is known to be enough, or the model cannot say."""
+    total, found = float(z @ z), []
     for piece in evidence:
         heed()
         r = piece.residual(placement, z)
-        if r is None or not np.all(np.isfinite(r)):
-            return np.inf
-        total += float(r @ r)
-        if total >= enough:
-            return np.inf
-    return total
-
-
-_KEY = 16  # hexadecimal digits
-_FITTED_BY = "beamdesign.diagnosis.fitting.search"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One fit to be made; its `repr` tells everything that decides what comes of it.
-
-    Attributes:
-        hypothesis: to be fitted.
-        known: SI values from a simpler fit.
-        hints: SI values of what it lacks, from another.
-        on: positions of the pieces of evidence that it is made to, the one that tells most first; empty for all of it.
-        quick: whether a few iterations from one start are enough.
-    """
-
-    hypothesis: Hypothesis
-    known: dict[str, float]
-    hints: dict[str, float] = field(default_factory=dict)
-    on: tuple[int, ...] = ()
-    quick: bool = False
-
-
-@dataclass(frozen=True)
-class FitCache:
-    """Fits to one data set by one version of the program, one file each.
-
-    A file's name begins with a digest of data, prototype and program, and goes on with one of the job: what has
-    changed is fitted anew. Files hold arrays only, so that nothing in them can be run.
-
-    Attributes:
-        folder: of the files.
-        prototype: that was believed.
-        key: digest of data, prototype and program.
-        part: names of the pieces of evidence that fits are made to; empty for all of the data.
-    """
-
-    folder: Path
-    prototype: Prototype
-    key: str
-    part: tuple[str, ...] = ()
-
-    def recall(self, job: Task) -> Fit | None:
-        """A fit that was made before; what is not there, not whole, or not what was kept for this job is made again."""
-        path = self._path(job)
-        try:
-            with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as archive:
-                held = dict(archive)
-                if str(held.pop("seal")) != _seal(path.name, held):
-                    return None
-                parts = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
-                shares = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in parts)
-                unknowns, reason = job.hypothesis.unknowns(self.prototype), str(held["reason"])
-                if not reason and len(held["z"]) != len(unknowns):  # of a law that had other parameters then
-                    return None
-                return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), shares, reason)
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        if r is None or not np.all(np.isfinite(r)) or (total := total + float(r @ r)) >= enough:
             return None
-
-    def keep(self, job: Task, found: Fit) -> None:
-        """Write a fit down, whole or not at all.
-
-        Raises:
-            OSError: where it cannot be written.
-        """
-        path, file = self._path(job), BytesIO()
-        shares = {name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")}
-        arrays = {"reason": np.array(found.reason), "z": np.asarray(found.z), "cost": np.asarray(found.cost)} | shares
-        np.savez(file, seal=np.array(_seal(path.name, arrays)), **arrays)  # type: ignore[arg-type]
-        write_whole(path, file.getvalue())
-
-    @property
-    def count(self) -> int:
-        """How many fits are kept."""
-        return len(list(self.folder.glob(f"{self.key}-*.npz")))
-
-    def _path(self, job: Task) -> Path:
-        return self.folder / f"{self.key}-{hashlib.sha256(repr((job, self.part)).encode()).hexdigest()[:_KEY]}.npz"
-
-
-def _seal(name: str, arrays: Mapping[str, np.ndarray]) -> str:
-    """Digest of a file's own name and arrays: one that was edited, or kept for another job, does not bear it."""
-    sha = hashlib.sha256(name.encode())
-    for key in sorted(arrays):
-        array = np.ascontiguousarray(arrays[key])
-        sha.update(f"{key} {array.dtype} {array.shape}".encode() + array.tobytes())
-    return sha.hexdigest()
-
-
-def fit_cache(folder: Path, data: Dataset, fitted_by: str = "") -> FitCache:
-    """Fits to a data set that are kept in a folder; those to other data or by other versions are removed from it.
-
-    Args:
-        folder: of the fits.
-        data: fitted.
-        fitted_by: digest of the version; empty for this one.
-    """
-    seen = digest(data) + (fitted_by or np.__version__ + code_digest(_FITTED_BY))
-    found = FitCache(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
-    digits = f"[0-9a-f]{{{_KEY}}}"
-    for stale in folder.glob("*-*.npz"):
-        if re.fullmatch(rf"{digits}-{digits}\.npz", stale.name) and not stale.name.startswith(found.key):
-            stale.unlink()
+        found.append(r)
     return found
 
 
-def digest(data: Dataset) -> str:
-    """SHA-256 of everything in a data set that a fit can see: figures, not files, so that its place does not matter."""
-    sha = hashlib.sha256(data.prototype.model_dump_json().encode())
-
-    def see(*values: object) -> None:
-        for value in values:
-            if isinstance(value, Mapping):
-                see(*value.items())
-            elif isinstance(value, tuple):
-                see(*value)
-            else:
-                array = isinstance(value, np.ndarray)
-                sha.update(np.ascontiguousarray(value).tobytes() if array else f"{value!r},".encode())
-
-    everything: tuple[Any, ...] = (*data.records, *data.responses, *data.gains)
-    for taken in everything:
-        see(*(getattr(taken, f.name) for f in fields(taken) if f.name != "source"))
-    return sha.hexdigest()
+def misfit_at(evidence: Iterable[Fitted], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
+    """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
+    found = residuals_at(evidence, placement, z, enough)
+    return np.inf if found is None else float(z @ z) + sum(float(r @ r) for r in found)

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import qmc
 
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence
-from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
+from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, fit, residuals_at
 from beamdesign.diagnosis.fitting.hypothesis import AIR, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
 from beamdesign.plant.assembly import widened
 from beamdesign.plant.effects import laws_of
@@ -152,10 +152,15 @@ def _best(
 ) -> list[tuple[float, np.ndarray]]:
     """Of some trials, those that leave least misfit, with it; best first."""
     best: list[tuple[float, np.ndarray]] = []
+    order = list(evidence)
     for z in trials:
         enough = best[-1][0] if len(best) == most else np.inf
-        if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
-            best = sorted([*best, (misfit, z)], key=lambda pair: pair[0])[:most]
+        if (found := residuals_at(order, placement, z, enough)) is None:
+            continue
+        left = [float(r @ r) for r in found]
+        best = sorted([*best, (float(z @ z) + sum(left), z)], key=lambda pair: pair[0])[:most]
+        # What shows most first, so that a start which is worse is soon seen to be.
+        order = [piece for _, piece in sorted(zip(left, order, strict=True), key=lambda pair: -pair[0])]
     return best
 
 
