@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 from importlib import import_module
@@ -193,6 +194,22 @@ def test_whoever_diagnoses_cannot_open_an_answer(tmp_path):
             pool.submit(import_module, "beamdesign.validation.truth").result()
     with pytest.raises(RuntimeError, match="knows the truth model"):
         begin_blind(check.telling)  # this process does
+
+
+def test_a_script_that_knows_the_truth_model_begins_processes_that_do_not(tmp_path):
+    """They do not run the script again, which need not guard its work against that either."""
+    script = tmp_path / "check.py"
+    script.write_text(
+        "from pathlib import Path\n"
+        "from beamdesign import blindcheck\n"
+        "from beamdesign.progress import silent\n"
+        "from beamdesign.validation.blind_diagnosis import begin_blind\n"
+        "from beamdesign.validation.blindcheck import _done, _processes\n"
+        "jobs = {'a': (Path.exists, Path('nowhere')), 'b': (Path.exists, Path())}\n"
+        "print(sorted(_done(jobs, _processes(2, begin_blind, ((),)), silent, '')))\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert ran.stdout == "[('a', False), ('b', True)]\n", ran.stderr
 
 
 # Scores of outcomes made by hand

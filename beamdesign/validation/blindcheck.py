@@ -7,12 +7,14 @@ was stopped in any way goes on by the same call; after a change of the judgement
 
 import json
 import os
+import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,8 +96,6 @@ def blindcheck(
     progress: Progress = silent,
 ) -> "Scored":
     """Check the diagnosis blind, or go on with a check: draw cases, seal answers, diagnose, open, score.
-
-    A script that is not a notebook has to begin its work under `if __name__ == "__main__":`, since processes are begun.
 
     Args:
         folder: of the check; the result stands there as result.json, result.md and result.svg.
@@ -300,7 +300,19 @@ def _done(
 ) -> Iterator[tuple[str, Any]]:
     """The key and what came of each job (a function and what it is given), as they get done."""
     with processes as pool:
-        keys = {pool.submit(*job): key for key, job in jobs.items()}
+        with _no_script():
+            keys = {pool.submit(*job): key for key, job in jobs.items()}
         for done, future in enumerate(as_completed(keys), 1):
             yield keys[future], future.result()
             progress(done / len(keys), words)
+
+
+@contextmanager
+def _no_script() -> Iterator[None]:
+    """Processes begun meanwhile do not run the script that began them: it may know the truth model, or begin more."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
