@@ -13,6 +13,7 @@ import opened_cases as opened
 import pytest
 from closing_the_loop import attempt, payloads, promised_gain_factor
 from deciding_experiment import taken
+from half_the_records import half_of, halved
 from one_start import best_start_alone
 from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
@@ -25,7 +26,7 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.validation.case_plan import Planned, displacements_digest, draw, sealed, write_seal
+from beamdesign.validation.case_plan import Planned, displacements_digest, draw, read_seal, sealed, write_seal
 from beamdesign.validation.truth.case import Case, Departure, noise_free
 from beamdesign.validation.truth.effects import Scales
 from beamdesign.validation.truth.nominal import rig_figures
@@ -246,3 +247,23 @@ def test_a_record_that_is_asked_for_is_taken_on_the_rig_of_the_case(scored, tmp_
     placement = NOTHING.placement(before.prototype)
     predicted = believed.simulated(placement, np.zeros(len(placement.unknowns)), ("displacement_m",))
     assert 0.8 < np.corrcoef(predicted[:, 0], new.measured["displacement_m"])[0, 1] < 1
+
+
+def test_a_check_is_halved_with_its_answers_sealed_and_its_own_sets_left(scored, tmp_path):
+    """Every second record stays, and the rest of the index; a seal of its own says which data they are."""
+    before = read_dataset(scored / "sets/0003")
+    whole, half = half_of(scored, tmp_path / "half")
+    kept = read_dataset(half.sets / "0003")
+    assert [r.name for r in kept.records] == [r.name for r in before.records[1::2]]
+    np.testing.assert_array_equal(
+        kept.records[0].measured["displacement_m"], before.records[1].measured["displacement_m"]
+    )
+    assert kept.prototype == before.prototype
+    assert folder_digest(whole.sets / "0003") == read_seal(whole.seal).sets["0003"]
+    seal = read_seal(half.seal)
+    assert seal.answers == read_seal(whole.seal).answers
+    assert seal.sets == {"0003": folder_digest(half.sets / "0003")}
+    assert half_of(scored, tmp_path / "half") == (whole, half)  # goes on
+    (few := tmp_path / "few").mkdir()
+    (few / "dataset.toml").write_text('record = [{file = "a.csv"}, {file = "b.csv"}, {file = "c.csv"}]')
+    assert not halved(few, tmp_path / "none")
