@@ -3,9 +3,13 @@
 Symbols are those of Zalucky and Hardt (1984), equations (7) to (18), where the actuator is theirs.
 """
 
+from collections.abc import Mapping
+
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.component import Parameter
+from beamdesign.polynomial import exact
 from beamdesign.prototype import Tolerance
+from beamdesign.records import InputError, Problem
 
 
 def _beam(which: str, letter: str) -> tuple[Parameter, ...]:
@@ -91,3 +95,15 @@ def stated_or_typical(tolerance: Tolerance, actuator: type[Actuator]) -> tuple[T
     taken = ", ".join(f"{key} {value:.2g}" for key, value in typical.model_dump().items() if value)
     typical = typical.but(outer_end_mass=tolerance.outer_end_mass, inner_end_mass=tolerance.inner_end_mass)
     return typical, f"no [tolerance] is stated for any figure; typical ones are taken ({taken}): better state your own"
+
+
+def refuse_none_left(deviations: Mapping[str, float], sigmas: float, place: str = "tolerance") -> None:
+    """Refuse so many relative standard deviations, by key, of which a figure would reach zero.
+
+    Raises:
+        InputError: of that place, for every such key.
+    """
+    reason = "{:g} standard deviations of {:g} reach zero"
+    wide = {key: size for key, size in deviations.items() if exact(sigmas) * exact(size) >= 1}
+    if wide:
+        raise InputError(place, [Problem(key, reason.format(sigmas, size)) for key, size in wide.items()])

@@ -2,6 +2,7 @@
 
 import tomllib
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,9 +11,9 @@ from forging import resealed, spelled, times
 from honest_certificates import Honest, honest
 
 from beamdesign import Prototype, certify, check
-from beamdesign.checker import Unreadable
+from beamdesign.checker import Unreadable, box_loop
 from beamdesign.checker.reading import read
-from beamdesign.checker.rig import Rig
+from beamdesign.checker.rig import Rig, Span
 from beamdesign.checker.roots import Family
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.plant.members import family
@@ -232,3 +233,15 @@ def test_a_scaled_box_is_that_of_as_many_standard_deviations(factor: float):
     for name in ("outer_damping", "inner_damping", "outer_stiffness"):
         ends = zip(scaled.ranges[name], asked.ranges[name], strict=True)
         assert all(nearest(a) == pytest.approx(nearest(b), rel=1e-9) for a, b in ends)
+
+
+@pytest.mark.parametrize("fixed", [0, 1])
+def test_spans_that_share_a_name_in_a_box_are_refused_though_one_of_them_does_not_vary(
+    fixed: int, monkeypatch: pytest.MonkeyPatch
+):
+    """A span `b_c` of the effect `a` and one `c` of `a_b` are both called a_b_c."""
+    monkeypatch.setattr(box_loop, "figures", lambda rig: {})
+    ends = [Span((fmpq(1), fmpq(2 - (k == fixed))), (fmpq(1), fmpq(1))) for k in range(2)]
+    named = [SimpleNamespace(name="a", spans={"b_c": ends[0]}), SimpleNamespace(name="a_b", spans={"c": ends[1]})]
+    with pytest.raises(Unreadable, match="a_b_c stands for more than one thing"):
+        box_loop.spans(SimpleNamespace(effects=named))

@@ -91,11 +91,13 @@ def spans(rig: Rig, performing: bool = False) -> dict[str, Pair]:
 def _places(rig: Rig) -> dict[str, tuple[int, str]]:
     """Spans of effects by their names in a box: which effect's, and which."""
     found: dict[str, tuple[int, str]] = {}
+    taken = {*figures(rig), *_OF_ANY_LOOP}
     for k, effect in enumerate(rig.effects):
         for name, made in effect.spans.items():
             called = f"{effect.name}_{name}"
-            if called in found or called in {*figures(rig), *_OF_ANY_LOOP}:
+            if called in taken:
                 raise Unreadable(f"{called[:60]} stands for more than one thing in a box")
+            taken.add(called)
             found |= {called: (k, name)} if made.ends[0] < made.ends[1] else {}
     return found
 

@@ -9,7 +9,7 @@ from math import inf, pi
 from flint import arb, fmpq
 
 from beamdesign.controllers import Proportional
-from beamdesign.parameters import PARAMETERS, TOLERANCES
+from beamdesign.parameters import PARAMETERS, TOLERANCES, refuse_none_left
 from beamdesign.plant.component import with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import bounds, exact, nearest, shortened
@@ -73,9 +73,7 @@ def tolerance_box(
     deviations |= spread or {}
     part = {name: exact(sigmas) * exact(deviation) for name, deviation in deviations.items()}
     least = values | {"outer_end_mass": fmpq(0) if payload is None else exact(payload[0])}
-    if wide := [name for name, share in part.items() if share >= 1 and least[name] > 0]:
-        reason = "{:g} standard deviations of {:g} reach zero"
-        raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
+    refuse_none_left({name: size for name, size in deviations.items() if least[name] > 0}, sigmas)
     ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
     dashpots: dict[str, Dashpot] = {}
 

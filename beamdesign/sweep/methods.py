@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign import records
-from beamdesign.parameters import PARAMETERS
+from beamdesign.parameters import PARAMETERS, refuse_none_left
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import lumped_beam
@@ -183,9 +183,7 @@ def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float 
     found = [figure for figure in found if figure.deviation > 0 and figure.value not in (0.0, (0.0, 0.0))]
     if not found:
         raise InputError(prototype.name, [Problem("tolerance", "states no standard deviation, so nothing spreads")])
-    if wide := [figure for figure in found if figure.deviation * sigmas >= 1]:
-        reason = "{:g} standard deviations of {:g} reach zero"
-        raise InputError(prototype.name, [Problem(f.key, reason.format(sigmas, f.deviation)) for f in wide])
+    refuse_none_left({figure.key: figure.deviation for figure in found}, sigmas, prototype.name)
     return tuple(found)
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
+from beamdesign.parameters import PARAMETERS, TOLERANCES, refuse_none_left, rows_of
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.absolute_stability import slope_over_box
@@ -109,10 +109,7 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
             " exactly the figures stated (--nominal)"
         )
         raise InputError("tolerance", [Problem("tolerance", reason)])
-    if wide := [name for name, size in deviations.items() if sigmas * size >= 1]:
-        reason = "{:g} standard deviations of {:g} reach zero"
-        problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
-        raise InputError("tolerance", problems)
+    refuse_none_left({TOLERANCES[name]: size for name, size in deviations.items()}, sigmas)
     heaviest_kg = largest_outer_kg * (1 + sigmas * prototype.tolerance.outer_end_mass)
     return RigSpread(prototype, heaviest_kg, deviations, sigmas)
 
