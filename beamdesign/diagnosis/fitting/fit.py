@@ -258,10 +258,18 @@ class _Point:
         return replace(found, sloped=found.cost, worked_out=self.worked_out + 1)
 
     def moved(self, evidence: Sequence[Fitted], to: np.ndarray, residuals: Sequence[np.ndarray]) -> "_Point":
-        """Another point with the residuals there, derivatives corrected by what these have changed along the way."""
+        """Another point with the residuals there, derivatives corrected by what these have changed along the way.
+
+        They are corrected in place: of long records two of them would be too large.
+        """
         move = to - self.z
         along = move / (move @ move)
-        rows = [(r, j + np.outer(r - q - j @ move, along)) for r, (q, j) in zip(residuals, self.rows, strict=True)]
+        rows = []
+        for there, (here, slopes) in zip(residuals, self.rows, strict=True):
+            unforeseen = there - here - slopes @ move
+            for column, share in enumerate(along):
+                slopes[:, column] += share * unforeseen
+            rows.append((there, slopes))
         return self._at(evidence, to, rows)
 
     def _at(self, evidence: Sequence[Fitted], z: np.ndarray, rows: Rows) -> "_Point":
