@@ -332,7 +332,7 @@ class UnilateralContact:
 
 def popov_slack(loop: Loop, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-    p, n = loop.characteristic, Affine(-loop.disturbance, _NONE)
+    p, n = loop.characteristic, Affine(-loop.disturbance)
     a, b, c = less(1 / stiffness, over_mass(inner, p, p), over_mass(inner, n, p))
     return a, b, c + multiplier * _S * absorbed(loop)
 
@@ -375,7 +375,7 @@ def guaranteed_stiffness_band(loop: Loop, stiffness: fmpq, share: fmpq, low: fmp
     # (share k |n|)^2 - |p - k n|^2 is not negative where F / x = p / n is within that share of the stiffness k.
     p, n = loop.characteristic, loop.disturbance
     error = Affine(p.constant - stiffness * n, p.slope)
-    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(n, _NONE), error), low, high)
+    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(n), error), low, high)
 
 
 def guaranteed_command_band(loop: Loop, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:
@@ -387,4 +387,4 @@ def guaranteed_command_band(loop: Loop, commanded: fmpq_poly, low: fmpq, high: f
         low: least end mass, kg.
         high: largest.
     """
-    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), loop.characteristic), low, high)
+    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded), loop.characteristic), low, high)

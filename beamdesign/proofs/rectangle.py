@@ -55,7 +55,6 @@ from beamdesign.prototype import Prototype
 
 
 _HALVINGS = 16
-_ZERO = fmpq_poly([0])
 _ONE = fmpq(1)
 
 
@@ -199,17 +198,16 @@ def over_gain(loop: Loop, mass: fmpq) -> Loop:
     The factor is one on the valve or its flow and not on the controller, so that C S has it in its denominator alone.
     """
     return Loop(
-        Affine(loop.loop_denominator.at(mass), _ZERO),
-        Affine(_ZERO, loop.loop_numerator.at(mass)),
+        Affine(loop.loop_denominator.at(mass)),
+        Affine(fmpq_poly(), loop.loop_numerator.at(mass)),
         loop.disturbance,
-        None if loop.effort_numerator is None else Affine(loop.effort_numerator.at(mass), _ZERO),
+        None if loop.effort_numerator is None else Affine(loop.effort_numerator.at(mass)),
     )
 
 
 def shifted(family: Affine, rate: fmpq) -> Affine:
     """The family in s - rate: stable exactly where every root of the given one lies to the left of -rate."""
-    shift = fmpq_poly([-rate, 1])
-    return Affine(family.constant(shift), family.slope(shift))
+    return family(fmpq_poly([-rate, 1]))
 
 
 # Zero frequencies of a lag for which every mass of a range is stable.
