@@ -212,11 +212,6 @@ def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
 
 def _fixed(statement: Statement, term: Term) -> tuple[float, dict[str, int]]:
     """Fold in what does not vary; the powers of what does, as it enters."""
-    value: fmpq = term.coefficient
-    powers = {}
-    for name, power in term.powers.items():
-        if name in statement.varying:
-            powers[name] = abs(power)
-        else:
-            value = value * statement.inner[name][0] ** abs(power)
+    powers = {name: abs(power) for name, power in term.powers.items() if name in statement.varying}
+    value = term.times(lambda name, power: fmpq(1) if name in powers else statement.inner[name][0] ** abs(power))
     return nearest(value), powers
