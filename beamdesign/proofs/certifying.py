@@ -289,11 +289,11 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     """A claim about every member: the first that refutes it, or that it holds."""
     performance = asked.kind in MAGNITUDES  # as opposed to a claim about poles
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
-    for part in proved:
-        if performance and not alone and not part.stable.stable:
-            masses = nearest(part.stable.low), nearest(part.stable.high)
-            reason = "not every member is stable for all of these masses and factors on the gain"
-            return asked.decided(masses, False, reason)
+    if performance and not alone and not all(part.stable.stable for part in proved):
+        masses = nearest(proved[0].stable.low), nearest(proved[0].stable.high)
+        return asked.decided(
+            masses, False, "not every member is stable for all of these masses and factors on the gain"
+        )
     claim: Claim | None = None
     for part in proved:
         rectangle = part.performing if performance else part.stable

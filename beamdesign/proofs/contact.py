@@ -348,21 +348,17 @@ def unilateral_contact(loop: Loop, masses: tuple[fmpq, fmpq], stiffness: fmpq) -
     for multiplier in MULTIPLIERS_S:
         if proves(stiffness, multiplier):
             return UnilateralContact(nearest(stiffness), multiplier, True)
-    best, chosen = fmpq(1), None
+    best, found = fmpq(1), UnilateralContact(0.0, 0.0, False)
     for multiplier in MULTIPLIERS_S:
-        if not proves(best * fmpq(11, 10), multiplier):
-            continue
-        best, chosen = best * fmpq(11, 10), multiplier
-        best = _stiffest(partial(proves, multiplier=multiplier), best, stiffness, fmpq(1005, 1000))
-    if chosen is None:
-        return UnilateralContact(0.0, 0.0, False)
-    return UnilateralContact(nearest(shortened(best, 4)), chosen, False)
+        if proves(better := best * fmpq(11, 10), multiplier):
+            best = _stiffest(partial(proves, multiplier=multiplier), better, stiffness, fmpq(1005, 1000))
+            found = UnilateralContact(nearest(shortened(best, 4)), multiplier, False)
+    return found
 
 
 # Up to which frequency the end has the stiffness that it is told to have, and follows its command.
 
 
-_NONE = fmpq_poly([0])
 _ROOT_OF_TWO = fmpq(14142, 10000)
 
 

@@ -17,7 +17,7 @@ from flint.utils.flint_exceptions import DomainError
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span
-from beamdesign.plant.members import LinearFamily, family, linear_of
+from beamdesign.plant.members import family, linear_of
 from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
 from beamdesign.proofs.quadratic import frequency_of
 from beamdesign.proofs.stability import StabilityMap
@@ -53,7 +53,7 @@ def rig_tables(
     if prototype.controller is not None:
         tables["controller"] = controller_table(prototype)
     if prototype.effects:
-        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)
+        tables["effect"] = effect_tables(prototype, largest_outer_end_mass, varying)
     for name in _WHOLE:
         if (record := getattr(prototype, name)) is not None:
             tables[name] = stated(plain(record))
@@ -76,7 +76,7 @@ def prototype_table(
     arguments are those of `rig_tables`.
     """
     found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
-    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)}
+    return found | {"effect": effect_tables(prototype, largest_outer_end_mass, varying)}
 
 
 def stated(value: Any) -> Any:
@@ -150,10 +150,10 @@ def _alloys(prototype: Prototype) -> Tables:
 
 
 def effect_tables(
-    prototype: Prototype, found: LinearFamily, varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({})
+    prototype: Prototype, largest_outer_end_mass: float | None, varying: Mapping[str, tuple[fmpq, fmpq]]
 ) -> list[Tables]:
     """Each effect with its parameters, its spans, its factors on the gain, and its elements, affine in its spans."""
-    tables = []
+    tables, found = [], family(prototype, largest_outer_end_mass, varying)
     for name, own in effect_parameters_of(prototype).items():
         spans = {key.partition(".")[2]: span for key, span in found.spans.items() if key.partition(".")[0] == name}
         table: Tables = {"name": name, "parameters": stated(own)}

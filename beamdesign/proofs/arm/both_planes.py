@@ -147,12 +147,6 @@ def both_planes(prototype: Prototype) -> BothPlanes:
     return BothPlanes(prototype.name, y, z, (single_loop(prototype, "y"), single_loop(prototype, "z")))
 
 
-def couples_both(prototype: Prototype) -> bool:
-    """Whether the payload stands off to both sides."""
-    _, y, z = arm_of(prototype).offset_m
-    return y != 0 and z != 0
-
-
 # Both planes with the payload anywhere within bounds.
 
 
