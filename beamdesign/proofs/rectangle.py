@@ -39,13 +39,13 @@ from beamdesign.polynomial import (
     Affine,
     bounds,
     crossings,
-    even_odd,
     exact,
     nearest,
     real_roots,
     rounded_down,
     rounded_up,
     simple_between,
+    turned,
     value_at,
 )
 from beamdesign.proofs.stability import is_stable_over, unstable_at
@@ -272,9 +272,7 @@ def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high
         for mass in {low, high}:
             for crossing in crossings(Affine(p0 + mass * p1, p2), _BITS):
                 yield crossing.parameter
-        (even0, odd0), (even1, odd1), (even2, odd2) = (even_odd(p) for p in (p0, p1, p2))
-        determinant = even1 * odd2 - odd1 * even2
-        of_mass, of_zero = even2 * odd0 - odd2 * even0, odd1 * even0 - even1 * odd0
+        determinant, of_mass, of_zero = turned(p2, p1), turned(p0, p2), turned(p1, p0)
         # At a shared root a whole line of (m, u) has a root pair: it begins and ends at the range's ends, found above.
         shared = determinant.gcd(of_mass).gcd(of_zero)
         if not shared.is_zero():

@@ -262,9 +262,7 @@ def _beyond(stability: StabilityMap) -> Tables:
     if above is None:
         found["stays_stable_to_kg"] = "infinite"
     else:
-        most = _enclosure(above)[0]
-        if above.rational is not None:
-            most = simple_between(stability.high, above.rational)
+        most = _enclosure(above)[0] if above.rational is None else simple_between(stability.high, above.rational)
         if most > stability.high:
             found["stays_stable_to_kg"] = text(most)
     if stability.low > 0:
