@@ -241,8 +241,7 @@ def stability_table(stability: StabilityMap) -> Tables:
     for part in stability.ranges:
         low = starts[id(part.opens_at)][1] if part.opens_at else part.low
         high = starts[id(part.closes_at)][0] if part.closes_at else part.high
-        ends = {"low": text(low), "high": text(high), "sample": text(part.sample)}
-        ranges.append(ends | {"stable": part.stable})
+        ranges.append({"low": text(low), "high": text(high), "sample": text(part.sample), "stable": part.stable})
     crossings = []
     for group, pair in zip(groups, enclosures, strict=True):
         for crossing in group:
