@@ -47,7 +47,7 @@ class Loop:
     loop_numerator: Affine
     disturbance: fmpq_poly
     effort_numerator: Affine | None = None
-    added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0]), fmpq_poly([0])))
+    added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0])))
     crossed: fmpq_poly = field(default_factory=lambda: fmpq_poly([0]))
 
     @cached_property

@@ -6,7 +6,7 @@ And where a root of p0(s) + k p1(s) lies on the imaginary axis: all such real k,
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import lru_cache, reduce
@@ -90,10 +90,14 @@ def nearest(value: fmpq) -> float:
 
 @dataclass(frozen=True)
 class Affine:
-    """A polynomial in s that is affine in one parameter k: constant + k slope."""
+    """A polynomial in s that is affine in one parameter k: constant + k slope; free of it where no slope is given."""
 
     constant: fmpq_poly
-    slope: fmpq_poly
+    slope: fmpq_poly = field(default_factory=fmpq_poly)
+
+    def __call__(self, inner: fmpq_poly) -> "Affine":
+        """With a polynomial in the place of s."""
+        return Affine(self.constant(inner), self.slope(inner))
 
     def at(self, value: fmpq) -> fmpq_poly:
         """The polynomial at one value of the parameter."""
@@ -104,6 +108,9 @@ class Affine:
 
     def __add__(self, other: "Affine") -> "Affine":
         return Affine(self.constant + other.constant, self.slope + other.slope)
+
+    def __sub__(self, other: "Affine") -> "Affine":
+        return Affine(self.constant - other.constant, self.slope - other.slope)
 
 
 @dataclass(frozen=True)

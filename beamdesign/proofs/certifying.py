@@ -106,15 +106,9 @@ def common_ranges(proved: Sequence[Proved]) -> StabilityMap:
     for other in maps[1:]:
         common = [piece for one in common for two in other.ranges if two.stable and (piece := _both(one, two))]
     common = [piece for one in common if (piece := _given_way(parts, one))]
-    filled: list[Range] = []
-    reached: fmpq = low
-    for piece in (*common, None):
-        end = high if piece is None else piece.low
-        if reached < end or not common:
-            filled.append(Range(reached, end, None, None, reached, False))
-        if piece is not None:
-            filled.append(piece)
-            reached = piece.high
+    gaps = zip((low, *(one.high for one in common)), (*(one.low for one in common), high), strict=True)
+    between = [Range(start, end, None, None, start, False) for start, end in gaps if start < end or not common]
+    filled = sorted((*common, *between), key=attrgetter("low", "high"))
     mass = attrgetter("value")
     crossings = tuple(sorted((crossing for found in maps for crossing in found.crossings), key=mass))
     below = max((found.below for found in maps if found.below is not None), key=mass, default=None)
@@ -289,11 +283,11 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     """A claim about every member: the first that refutes it, or that it holds."""
     performance = asked.kind in MAGNITUDES  # as opposed to a claim about poles
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
-    for part in proved:
-        if performance and not alone and not part.stable.stable:
-            masses = nearest(part.stable.low), nearest(part.stable.high)
-            reason = "not every member is stable for all of these masses and factors on the gain"
-            return asked.decided(masses, False, reason)
+    if performance and not alone and not all(part.stable.stable for part in proved):
+        masses = nearest(proved[0].stable.low), nearest(proved[0].stable.high)
+        return asked.decided(
+            masses, False, "not every member is stable for all of these masses and factors on the gain"
+        )
     claim: Claim | None = None
     for part in proved:
         rectangle = part.performing if performance else part.stable

@@ -54,7 +54,6 @@ from beamdesign.quantities import decimal, stated_range
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
 _MARGINS = tuple(fmpq(1, 10**k) for k in range(1, 6))
-_MINUS = fmpq(-1)
 _RIPPLE = "All its motions under one command and load run together."
 _PLAIN = Multiplier((), fmpq(0))
 
@@ -113,7 +112,7 @@ def changing(given: Members) -> list[Changing]:
 def cut(loop: Loop, place: str) -> tuple[Affine, Affine]:
     """Denominator and numerator of the loop cut at a place: what is not cut stays closed."""
     if place == "volts":
-        return loop.cut, loop.loop_numerator + loop.added * _MINUS
+        return loop.cut, loop.loop_numerator - loop.added
     return loop.loop_denominator, loop.loop_numerator
 
 
@@ -196,8 +195,7 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
 
 
 BOTH = "Zames-Falb multiplier and circle criterion at once, in rational arithmetic"
-_S, _NOTHING = fmpq_poly([0, 1]), fmpq_poly([0])
-_NONE = fmpq(0)
+_S = fmpq_poly([0, 1])
 
 
 @dataclass(frozen=True)
@@ -227,9 +225,10 @@ class Pair:
     def slack(self, multiplier: Multiplier, weight: fmpq, margin: fmpq) -> Coefficients:
         """What is not negative where the matrix is positive definite, as a quadratic in the mass."""
         below = multiplier.below
-        # D is the product of the denominators of F and H, of which one alone is over the mass
-        left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * multiplier.above)
-        right = _product(_conjugate(self.by[0]), self.onto[1]) * (-weight * below(-_S * _S))
+        # D is the product of the denominators of F and H, of which one alone is over the mass. On the axis what is
+        # taken at -s is the conjugate.
+        left = _product(self.onto[0], self.by[1](-_S)) * (self.share * multiplier.above)
+        right = _product(self.by[0](-_S), self.onto[1]) * (-weight * below(-_S * _S))
         off = left + right
         own = slack(multiplier, self.closed, self.denominator, margin)
         return less(4 * weight * below, own, over_mass(inner, off, off))
@@ -248,16 +247,7 @@ class Pair:
 def _product(one: Affine, other: Affine) -> Affine:
     """Of two of which one is free of the mass."""
     assert one.slope.is_zero() or other.slope.is_zero()
-    return one * other.constant + Affine(_NOTHING, one.constant * other.slope)
-
-
-def _conjugate(family: Affine) -> Affine:
-    """What is the conjugate on the imaginary axis."""
-    return Affine(family.constant(-_S), family.slope(-_S))
-
-
-def _free(polynomial: fmpq_poly) -> Affine:
-    return Affine(polynomial, _NOTHING)
+    return one * other.constant + Affine(fmpq_poly(), one.constant * other.slope)
 
 
 def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
@@ -278,8 +268,8 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
         if any(not (part % below).is_zero() for part in (plant.denominator.constant, plant.denominator.slope)):
             return None
         rest = Affine(plant.denominator.constant / below, plant.denominator.slope / below)
-        onto = _free(law.numerators[0] * above * change.most), _free(law.denominator * below)
-        by = _free(shared * exact(prototype.sensor.gain_V_per_m)), rest
+        onto = Affine(law.numerators[0] * above * change.most), Affine(law.denominator * below)
+        by = Affine(shared * exact(prototype.sensor.gain_V_per_m)), rest
     else:
         w, damping = (exact(member.rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio"))
         spring = exact(member.frozen.get("valve_hysteresis", {}).get("spring", 0.0))
@@ -288,7 +278,7 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
         if any(not (part % spool).is_zero() for part in parts):
             return None
         onto = fed * change.most, Affine(*(part / spool for part in parts))
-        by = _free(fmpq_poly([1])), _free(spool)
+        by = Affine(fmpq_poly([1])), Affine(spool)
     return Pair(denominator, open_ + fed * change.least, 1 - change.least / change.most, onto, by)
 
 
@@ -319,7 +309,7 @@ def both_rows(given: Members) -> Iterator[Row]:
         known = [one for one in pairs if one is not None]
         presupposed = all(
             is_stable_over(one.denominator, given.low, given.high)
-            and is_proper(one.closed + one.denominator * fmpq(-1), one.denominator, given.low, given.high)
+            and is_proper(one.closed - one.denominator, one.denominator, given.low, given.high)
             for one in known
         )
         found = search(known, given.low, given.high) if presupposed and len(known) == len(pairs) else None

@@ -332,7 +332,7 @@ class UnilateralContact:
 
 def popov_slack(loop: Loop, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-    p, n = loop.characteristic, Affine(-loop.disturbance, _NONE)
+    p, n = loop.characteristic, Affine(-loop.disturbance)
     a, b, c = less(1 / stiffness, over_mass(inner, p, p), over_mass(inner, n, p))
     return a, b, c + multiplier * _S * absorbed(loop)
 
@@ -348,21 +348,17 @@ def unilateral_contact(loop: Loop, masses: tuple[fmpq, fmpq], stiffness: fmpq) -
     for multiplier in MULTIPLIERS_S:
         if proves(stiffness, multiplier):
             return UnilateralContact(nearest(stiffness), multiplier, True)
-    best, chosen = fmpq(1), None
+    best, found = fmpq(1), UnilateralContact(0.0, 0.0, False)
     for multiplier in MULTIPLIERS_S:
-        if not proves(best * fmpq(11, 10), multiplier):
-            continue
-        best, chosen = best * fmpq(11, 10), multiplier
-        best = _stiffest(partial(proves, multiplier=multiplier), best, stiffness, fmpq(1005, 1000))
-    if chosen is None:
-        return UnilateralContact(0.0, 0.0, False)
-    return UnilateralContact(nearest(shortened(best, 4)), chosen, False)
+        if proves(better := best * fmpq(11, 10), multiplier):
+            best = _stiffest(partial(proves, multiplier=multiplier), better, stiffness, fmpq(1005, 1000))
+            found = UnilateralContact(nearest(shortened(best, 4)), multiplier, False)
+    return found
 
 
 # Up to which frequency the end has the stiffness that it is told to have, and follows its command.
 
 
-_NONE = fmpq_poly([0])
 _ROOT_OF_TWO = fmpq(14142, 10000)
 
 
@@ -375,7 +371,7 @@ def guaranteed_stiffness_band(loop: Loop, stiffness: fmpq, share: fmpq, low: fmp
     # (share k |n|)^2 - |p - k n|^2 is not negative where F / x = p / n is within that share of the stiffness k.
     p, n = loop.characteristic, loop.disturbance
     error = Affine(p.constant - stiffness * n, p.slope)
-    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(n, _NONE), error), low, high)
+    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(n), error), low, high)
 
 
 def guaranteed_command_band(loop: Loop, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:
@@ -387,4 +383,4 @@ def guaranteed_command_band(loop: Loop, commanded: fmpq_poly, low: fmpq, high: f
         low: least end mass, kg.
         high: largest.
     """
-    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), loop.characteristic), low, high)
+    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded), loop.characteristic), low, high)

@@ -184,9 +184,7 @@ def not_falling(sought: Sought, coefficients: Sequence[fmpq_mat]) -> str:
 def jump(family: MassFamily, share: fmpq) -> fmpq_mat:
     """The map of the state at a sudden change of mass: the velocity keeps `share` of itself."""
     n = family.order
-    result = fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
-    result[family.velocity, family.velocity] = share
-    return result
+    return fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)]) - family.pick * (1 - share)
 
 
 Change = tuple[fmpq_mat, fmpq_mat]

@@ -7,7 +7,7 @@ The search before the proof puts hulls together alike, in floats alone (`beamdes
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from functools import reduce
+from functools import partial, reduce
 from itertools import product
 from math import comb
 from operator import add, mul
@@ -54,15 +54,13 @@ class Cell:
     def grid(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> np.ndarray:
         """Control points of some terms (N, n + 1): of each the coefficients by power of s, rounded to the nearest."""
 
-        def at(corner: Mapping[str, int]) -> Iterator[tuple[int, fmpq]]:
-            for c, degree, powers in terms:
-                for name, power in powers.items():
-                    c = c * control_value(*self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0))
-                yield degree, c
+        def at(corner: Mapping[str, int], name: str, power: int) -> fmpq:
+            return control_value(*self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0))
 
         def made() -> np.ndarray:
             indices = product(*(range(degree + 1) for degree in degrees.values()))
-            return np.array([_by_degree(at(dict(zip(degrees, index, strict=True)))) for index in indices])
+            corners = (partial(at, dict(zip(degrees, index, strict=True))) for index in indices)
+            return np.array([_by_degree((term.degree, term.times(corner)) for term in terms) for corner in corners])
 
         return self.known(key, degrees, made)
 
@@ -70,15 +68,13 @@ class Cell:
         """Bounds of the sizes of a leaf's coefficients by power of s (n + 1,)."""
         leaf = self.statement.leaves[name]
 
-        def most() -> Iterator[tuple[int, fmpq]]:
-            for c, degree, powers in leaf:
-                for variable, power in powers.items():
-                    c = c * max(map(abs, self.values[variable])) ** abs(power)
-                yield degree, abs(c)
+        def most(variable: str, power: int) -> fmpq:
+            return max(map(abs, self.values[variable])) ** abs(power)
 
-        return self.known(
-            (name, "sizes"), {one for term in leaf for one in term.powers}, lambda: UP * _by_degree(most())
-        )
+        def made() -> np.ndarray:
+            return UP * _by_degree((term.degree, abs(term.times(most))) for term in leaf)
+
+        return self.known((name, "sizes"), {one for term in leaf for one in term.powers}, made)
 
 
 def _by_degree(terms: Iterable[tuple[int, fmpq]]) -> np.ndarray:

@@ -200,8 +200,7 @@ def floats(matrix: fmpq_mat) -> np.ndarray:
 def rationals(matrix: np.ndarray) -> fmpq_mat:
     """The symmetric part of a float matrix, rounded to floats and taken as their shortest decimals, exactly."""
     symmetric = (matrix + matrix.T) / 2
-    n = len(symmetric)
-    return fmpq_mat(n, n, [exact(symmetric[min(i, j), max(i, j)]) for i in range(n) for j in range(n)])
+    return fmpq_mat([[*map(exact, row)] for row in symmetric])
 
 
 def at(family: MassFamily, mass: fmpq) -> np.ndarray:

@@ -179,11 +179,10 @@ def weighed(form: Expression, multiplier: Multiplier) -> Expression:
         match node:
             case ast.Name(id=name):
                 return (f"({plain} + {turned}*{UNKNOWN})", True) if name == UNKNOWN else (name, False)
-            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
                 (a, in_a), (b, in_b) = written(left), written(right)
-                return f"{a}*{b}", in_a or in_b
-            case ast.BinOp(left=left, op=ast.Add(), right=right):
-                (a, in_a), (b, in_b) = written(left), written(right)
+                if isinstance(operation, ast.Mult):
+                    return f"{a}*{b}", in_a or in_b
                 if in_a != in_b:
                     a, b = (a, f"{of_denominator}*{b}") if in_a else (f"{of_denominator}*{a}", b)
                 return f"({a} + {b})", in_a or in_b

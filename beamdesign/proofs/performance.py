@@ -29,8 +29,6 @@ _RELATIVE_STEP = 5e-5
 _LEAST_LIMIT = 1e-12
 """Of what is zero, such as the loop gain of a controller that feeds nothing back."""
 _LARGEST_LIMIT = 1e12
-_ZERO = fmpq(0)
-_NONE = fmpq_poly([0])
 
 
 Closed = Loop | PlaneLoop
@@ -58,7 +56,7 @@ def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
 def _quotient(kind: Kind, loop: Closed) -> tuple[Affine, Affine]:
     """Numerator and denominator of a loop's magnitude."""
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][1:])
-    return (Affine(above, _NONE) if isinstance(above, fmpq_poly) else above), below
+    return (Affine(above) if isinstance(above, fmpq_poly) else above), below
 
 
 # Claims proved or refuted.
@@ -97,7 +95,7 @@ def _exceeded(side: Side, asked: Asked, limit: fmpq) -> Unstable | None:
     if (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
         reason = f"the loop is not stable for all of these masses: {there.reason}"
         return replace(there, reason=reason)
-    start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
+    start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else fmpq(0)
     bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
     until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
     found = first_negative(slack(asked.kind, side.loop, limit), side.low, side.high, start, until)

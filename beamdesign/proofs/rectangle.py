@@ -39,13 +39,13 @@ from beamdesign.polynomial import (
     Affine,
     bounds,
     crossings,
-    even_odd,
     exact,
     nearest,
     real_roots,
     rounded_down,
     rounded_up,
     simple_between,
+    turned,
     value_at,
 )
 from beamdesign.proofs.stability import is_stable_over, unstable_at
@@ -55,7 +55,6 @@ from beamdesign.prototype import Prototype
 
 
 _HALVINGS = 16
-_ZERO = fmpq_poly([0])
 _ONE = fmpq(1)
 
 
@@ -199,17 +198,16 @@ def over_gain(loop: Loop, mass: fmpq) -> Loop:
     The factor is one on the valve or its flow and not on the controller, so that C S has it in its denominator alone.
     """
     return Loop(
-        Affine(loop.loop_denominator.at(mass), _ZERO),
-        Affine(_ZERO, loop.loop_numerator.at(mass)),
+        Affine(loop.loop_denominator.at(mass)),
+        Affine(fmpq_poly(), loop.loop_numerator.at(mass)),
         loop.disturbance,
-        None if loop.effort_numerator is None else Affine(loop.effort_numerator.at(mass), _ZERO),
+        None if loop.effort_numerator is None else Affine(loop.effort_numerator.at(mass)),
     )
 
 
 def shifted(family: Affine, rate: fmpq) -> Affine:
     """The family in s - rate: stable exactly where every root of the given one lies to the left of -rate."""
-    shift = fmpq_poly([-rate, 1])
-    return Affine(family.constant(shift), family.slope(shift))
+    return family(fmpq_poly([-rate, 1]))
 
 
 # Zero frequencies of a lag for which every mass of a range is stable.
@@ -274,9 +272,7 @@ def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high
         for mass in {low, high}:
             for crossing in crossings(Affine(p0 + mass * p1, p2), _BITS):
                 yield crossing.parameter
-        (even0, odd0), (even1, odd1), (even2, odd2) = (even_odd(p) for p in (p0, p1, p2))
-        determinant = even1 * odd2 - odd1 * even2
-        of_mass, of_zero = even2 * odd0 - odd2 * even0, odd1 * even0 - even1 * odd0
+        determinant, of_mass, of_zero = turned(p2, p1), turned(p0, p2), turned(p1, p0)
         # At a shared root a whole line of (m, u) has a root pair: it begins and ends at the range's ends, found above.
         shared = determinant.gcd(of_mass).gcd(of_zero)
         if not shared.is_zero():

@@ -113,14 +113,10 @@ def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) 
 BESIDE = (
     "This is about linear loops that bracket the effects at frozen values; what holds while they move is stated beside."
 )
-
-
 NOT_COVERED = (
     "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
     " changes while it moves, are not covered."
 )
-
-
 ALL_LINEAR = "These effects are linear: what is proved is the loop that `beamdesign simulate` runs."
 
 

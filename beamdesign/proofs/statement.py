@@ -5,9 +5,10 @@ A `PolynomialFamily` is a polynomial as sums and products of leaves; over a box 
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, reduce
+from math import prod
 from operator import add, itemgetter, mul, or_, sub, truediv
 from textwrap import wrap
 from typing import NamedTuple, TypeVar
@@ -28,6 +29,10 @@ class Term(NamedTuple):
     coefficient: fmpq
     degree: int
     powers: Mapping[str, int]
+
+    def times(self, factor: Callable[[str, int], fmpq]) -> fmpq:
+        """The coefficient times what each variable and its power come to."""
+        return prod((factor(name, power) for name, power in self.powers.items()), start=self.coefficient)
 
 
 class Circle(NamedTuple):
@@ -134,19 +139,13 @@ _OPERATORS: dict[type[ast.operator], Callable[[Quotient, Quotient], Quotient]] =
 }  # fmt: skip
 
 
-def _structure(
-    node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Mapping[str, int], circles: Iterable[str]
-) -> Node:
+def _structure(node: ast.expr, named: Mapping[str, Node]) -> Node:
     match node:
-        case ast.Name(id=name) if name in circles:
-            return Node("circle", name, ())
-        case ast.Name(id=name) if name in leaves:
-            return Node("leaf", name, (), (bound[name],) if name in bound else ())
-        case ast.Name(id=name) if name in delays:
-            return Node("delay", delays[name], ())
+        case ast.Name(id=name) if name in named:
+            return named[name]
         case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
             kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, leaves, delays, bound, circles) for side in (left, right)]
+            parts = [_structure(side, named) for side in (left, right)]
             flat = [p for part in parts for p in (part.parts if part.kind == kind else (part,))]
             return Node(kind, "", tuple(flat), tuple(sorted({pack for part in flat for pack in part.packs})))
     raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
@@ -264,9 +263,12 @@ class Statement:
         delays = family.delays
         self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
         self.bound, self.groups = [tuple(pack) for pack in family.bound], list(family.groups)
-        enumerated = {name: k for k, pack in enumerate(self.bound) for name in pack}
+        places = {name: (k,) for k, pack in enumerate(self.bound) for name in pack}
         self.circles, self.since, self.until, self.pace = family.circles, family.since, family.until, family.pace
-        self.body = _structure(_parsed(p), self.leaves, delays, enumerated, self.circles)
+        named = {name: Node("delay", delay, ()) for name, delay in delays.items()}
+        named |= {name: Node("leaf", name, (), places.get(name, ())) for name in self.leaves}
+        named |= {name: Node("circle", name, ()) for name in self.circles}
+        self.body = _structure(_parsed(p), named)
         self.divisors = family.divisors
         self.summands = _divided(self.body, self.divisors)
         if len(delays) > 1:
@@ -337,12 +339,8 @@ class Statement:
 
     def leaf_at(self, name: str, point: Point) -> fmpq_poly:
         """A leaf at one value of every variable."""
-        total = fmpq_poly([0])
-        for c, degree, powers in self.leaves[name]:
-            for variable, power in powers.items():
-                c = c * point[variable] ** power
-            total += fmpq_poly([0] * degree + [c])
-        return total
+        terms = ((term.degree, term.times(lambda one, power: point[one] ** power)) for term in self.leaves[name])
+        return sum((fmpq_poly([0] * degree + [c]) for degree, c in terms), fmpq_poly([0]))
 
     def value(self, leaf: Callable[[str], T], late: T, unknown: T) -> T:
         """P from what each leaf is, exp(-s T) and the unknown."""

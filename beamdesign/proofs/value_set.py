@@ -189,14 +189,12 @@ def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable
 @lru_cache(maxsize=64)
 def _terms(statement: Statement) -> dict[str, list[tuple[int, float, list[tuple[int, int]]]]]:
     """Of every leaf the terms: degree in s, coefficient, and which columns of what varies in which powers."""
-    found: dict[str, list[tuple[int, float, list[tuple[int, int]]]]] = {}
-    for name, terms in statement.leaves.items():
-        found[name] = []
-        for term in terms:
-            value, powers = _fixed(statement, term)
-            columns = [(statement.varying.index(one), power) for one, power in powers.items()]
-            found[name].append((term.degree, value, columns))
-    return found
+
+    def row(term: Term) -> tuple[int, float, list[tuple[int, int]]]:
+        value, powers = _fixed(statement, term)
+        return term.degree, value, [(statement.varying.index(one), power) for one, power in powers.items()]
+
+    return {name: [*map(row, terms)] for name, terms in statement.leaves.items()}
 
 
 def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
@@ -212,11 +210,6 @@ def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
 
 def _fixed(statement: Statement, term: Term) -> tuple[float, dict[str, int]]:
     """Fold in what does not vary; the powers of what does, as it enters."""
-    value: fmpq = term.coefficient
-    powers = {}
-    for name, power in term.powers.items():
-        if name in statement.varying:
-            powers[name] = abs(power)
-        else:
-            value = value * statement.inner[name][0] ** abs(power)
+    powers = {name: abs(power) for name, power in term.powers.items() if name in statement.varying}
+    value = term.times(lambda name, power: fmpq(1) if name in powers else statement.inner[name][0] ** abs(power))
     return nearest(value), powers

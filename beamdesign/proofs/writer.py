@@ -17,7 +17,7 @@ from flint.utils.flint_exceptions import DomainError
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span
-from beamdesign.plant.members import LinearFamily, family, linear_of
+from beamdesign.plant.members import family, linear_of
 from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
 from beamdesign.proofs.quadratic import frequency_of
 from beamdesign.proofs.stability import StabilityMap
@@ -53,7 +53,7 @@ def rig_tables(
     if prototype.controller is not None:
         tables["controller"] = controller_table(prototype)
     if prototype.effects:
-        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)
+        tables["effect"] = effect_tables(prototype, largest_outer_end_mass, varying)
     for name in _WHOLE:
         if (record := getattr(prototype, name)) is not None:
             tables[name] = stated(plain(record))
@@ -76,7 +76,7 @@ def prototype_table(
     arguments are those of `rig_tables`.
     """
     found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
-    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)}
+    return found | {"effect": effect_tables(prototype, largest_outer_end_mass, varying)}
 
 
 def stated(value: Any) -> Any:
@@ -150,10 +150,10 @@ def _alloys(prototype: Prototype) -> Tables:
 
 
 def effect_tables(
-    prototype: Prototype, found: LinearFamily, varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({})
+    prototype: Prototype, largest_outer_end_mass: float | None, varying: Mapping[str, tuple[fmpq, fmpq]]
 ) -> list[Tables]:
     """Each effect with its parameters, its spans, its factors on the gain, and its elements, affine in its spans."""
-    tables = []
+    tables, found = [], family(prototype, largest_outer_end_mass, varying)
     for name, own in effect_parameters_of(prototype).items():
         spans = {key.partition(".")[2]: span for key, span in found.spans.items() if key.partition(".")[0] == name}
         table: Tables = {"name": name, "parameters": stated(own)}
@@ -241,8 +241,7 @@ def stability_table(stability: StabilityMap) -> Tables:
     for part in stability.ranges:
         low = starts[id(part.opens_at)][1] if part.opens_at else part.low
         high = starts[id(part.closes_at)][0] if part.closes_at else part.high
-        ends = {"low": text(low), "high": text(high), "sample": text(part.sample)}
-        ranges.append(ends | {"stable": part.stable})
+        ranges.append({"low": text(low), "high": text(high), "sample": text(part.sample), "stable": part.stable})
     crossings = []
     for group, pair in zip(groups, enclosures, strict=True):
         for crossing in group:
@@ -262,9 +261,7 @@ def _beyond(stability: StabilityMap) -> Tables:
     if above is None:
         found["stays_stable_to_kg"] = "infinite"
     else:
-        most = _enclosure(above)[0]
-        if above.rational is not None:
-            most = simple_between(stability.high, above.rational)
+        most = _enclosure(above)[0] if above.rational is None else simple_between(stability.high, above.rational)
         if most > stability.high:
             found["stays_stable_to_kg"] = text(most)
     if stability.low > 0:

@@ -117,14 +117,13 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     """Put a payload off the axis on a loop's tip."""
     t, e = figures.torsion, figures.lever
     g = figures.travel**2 + figures.along**2  # by which the payload's mass counts at the tip
-    zero = fmpq_poly([0])
 
     def joined(part: Affine) -> Affine:
         """A polynomial that is affine in the impedance on the tip, with the payload's m s^2 g / (1 + m s^2 e^2 / t)."""
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
     assert single.effort_numerator is not None  # the loop of a prototype knows its controller
-    fed = single.loop_numerator.constant - single.added.constant
+    fed = (single.loop_numerator - single.added).constant
     cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
     loop_denominator = joined(single.loop_denominator)
     loop_numerator = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(
@@ -139,6 +138,6 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         loop_denominator,
         loop_numerator,
         joined(single.effort_numerator),
-        joined(Affine(single.disturbance, zero)),
+        joined(Affine(single.disturbance)),
         Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
     )

@@ -86,7 +86,7 @@ class BothPlanes:
         for i, loop in enumerate(self.loops):
             rows[i][i] += in_variable(loop.cut.constant, s)
             for j in range(3):
-                rows[i][j] += sensed[i, j] * in_variable(loop.loop_numerator.constant - loop.added.constant, s)
+                rows[i][j] += sensed[i, j] * in_variable((loop.loop_numerator - loop.added).constant, s)
         rows[2][2] += in_variable(self.y.twist, s)
         return rows
 
@@ -117,7 +117,7 @@ class BothPlanes:
         force = np.multiply.outer(motions.T, np.ones_like(s))
         for i, (loop, plane) in enumerate(((y, self.y), (z, self.z))):
             force[i] *= at_points(loop.disturbance, s)  # as its row of the stiffness is
-            fed = at_points(loop.loop_numerator.constant - loop.added.constant, s)
+            fed = at_points((loop.loop_numerator - loop.added).constant, s)
             force[i, 1 + i] -= fed * nearest(plane.sensed_residual)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
         moved = there @ np.linalg.solve(np.moveaxis(stiffness, 2, 0), np.moveaxis(force, 2, 0))
@@ -145,12 +145,6 @@ def both_planes(prototype: Prototype) -> BothPlanes:
     """
     y, z = (plane_figures(prototype, name) for name in PLANES)
     return BothPlanes(prototype.name, y, z, (single_loop(prototype, "y"), single_loop(prototype, "z")))
-
-
-def couples_both(prototype: Prototype) -> bool:
-    """Whether the payload stands off to both sides."""
-    _, y, z = arm_of(prototype).offset_m
-    return y != 0 and z != 0
 
 
 # Both planes with the payload anywhere within bounds.

@@ -149,15 +149,8 @@ def remaining(
     tip, turn = motion[:3], motion[3:]
     twist = np.array([turn[0], 0.0, 0.0])
     by_turning, by_twist = (np.cross(part, tool) for part in (turn - twist, twist))
-    return Remaining(
-        _vector(tip), _vector(turn), _vector(by_turning), _vector(by_twist), _vector(tip + by_turning + by_twist),
-        (float(actuators[0]), float(actuators[1])),
-    )  # fmt: skip
-
-
-def _vector(values: np.ndarray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+    found = tip, turn, by_turning, by_twist, tip + by_turning + by_twist, actuators
+    return Remaining(*(tuple(part.tolist()) for part in found))
 
 
 @dataclass(frozen=True)

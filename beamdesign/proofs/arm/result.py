@@ -12,7 +12,7 @@ from beamdesign.arguments import checked, takes
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import PlaneLoop, plane_loop
-from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
+from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits, limits
@@ -231,7 +231,7 @@ def arm(
     masses = prototype.asked_kg(outer_end_mass_kg)
     figures, link = arm_figures(prototype), arm_of(prototype)
     model = both_planes(prototype)
-    both = model.prove(*masses) if couples_both(prototype) else None
+    both = model.prove(*masses) if all(link.offset_m[1:]) else None  # off to both sides
     planes = () if both is not None else tuple(certify_plane(prototype, name, *masses) for name in PLANES)
     sampled: tuple[tuple[float, bool], ...] = ()
     if both is not None and not both.stable:
