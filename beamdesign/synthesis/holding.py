@@ -185,7 +185,9 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
     """
     load, payload = problem.load.tip_force_N, STANDARD_GRAVITY * masses_kg[1]
     weight = weight_N(prototype, masses_kg[1])
-    link, held = weight - payload, _held(prototype, load + weight)
+    link = weight - payload
+    name, needed, available, unit, key = prototype.actuator.holding(prototype, load + weight)
+    held = Demanded(name, needed, inf if available is None else available, unit)  # enough where nothing is stated
     stall = held.available * (load + weight) / held.needed
     # Sections for a larger load weigh more, but not by more than it is larger.
     designed = Change(_LOAD, load) if weight <= load else Change.rounded(_LOAD, payload + link * weight / load)
@@ -207,8 +209,8 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
         instead.append((payloads,))
     if less.value >= weight and not held.met:
         instead.append((less,))
-    keys = (prototype.actuator.holding(prototype, 1.0)[4], "width_m and wall_m of both beams")
-    missing = {one.name: key for one, key in zip((held, gap), keys, strict=True) if one.available == inf}
+    places = (held, key), (gap, "width_m and wall_m of both beams")
+    missing = {one.name: place for one, place in places if one.available == inf}
     return Holding(load, weight, tuple(one for one in every if one.name not in missing), missing, tuple(instead))
 
 
@@ -317,12 +319,6 @@ def _strictest(changes: Way) -> Way:
     rising = sorted(changes, key=lambda one: one.value if one.at_least else -one.value)
     strictest = {one.key: one for one in rising}
     return tuple(strictest[key] for key in dict.fromkeys(one.key for one in changes))
-
-
-def _held(prototype: Prototype, force_N: float) -> Demanded:
-    """What holding a force still takes; where the prototype does not say what there is, enough."""
-    name, needed, available, unit, _ = prototype.actuator.holding(prototype, force_N)
-    return Demanded(name, needed, inf if available is None else available, unit)
 
 
 def _closing(prototype: Prototype, force_N: float) -> Demanded:
