@@ -14,7 +14,7 @@ from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.plant.actuators import not_felt
-from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
+from beamdesign.plant.assembly import NO_CONTROLLER, OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate, measured_half_steps, refined
 from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.progress import Progress, silent
@@ -90,7 +90,7 @@ def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple
         times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
         controller = row.law or nominal.controller or (rig or nominal).controller
         if controller is None:
-            raise InputError((rig or nominal).name, [problem_without_controller()])
+            raise InputError((rig or nominal).name, [NO_CONTROLLER])
         inputs, masses = np.column_stack([disturbance, command]), (row.outer_end_mass_kg, row.inner_end_mass_kg)
         found.append(TimeRecord(Path(row.file).stem, times, inputs, {}, *masses, controller))
     if not found:

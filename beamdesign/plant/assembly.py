@@ -24,6 +24,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.arm import LEVER_FIGURES, lever_figures, off_axis
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
+NO_CONTROLLER = Problem("controller", "missing; a simulation closes the loop")
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     """
     law, wrong = prototype.controller, wrong_effects(prototype)
     if law is None or wrong:
-        raise InputError(prototype.name, wrong if law is not None else [*wrong, problem_without_controller()])
+        raise InputError(prototype.name, wrong if law is not None else [*wrong, NO_CONTROLLER])
     filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
     own = SAMPLED if sampled else law.equations
     return Structure(own, filtered, effects, prototype.rig, off_axis=off_axis(prototype))
@@ -170,7 +171,7 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
     """
     controller = prototype.controller
     if controller is None:
-        raise InputError(prototype.name, [problem_without_controller()])
+        raise InputError(prototype.name, [NO_CONTROLLER])
     values = lumped.figures(prototype) | {
         "outer_end_mass": outer_end_mass,
         "inner_end_mass": inner_end_mass,
@@ -312,8 +313,3 @@ def suits(effect: str, prototype: Prototype) -> bool:
 def fits(effect: str, rig: str) -> bool:
     """Whether a rig has what an effect of the library acts on; true of an effect that is unknown."""
     return effect not in library() or library()[effect].laws.keys() <= RIGS[rig].ports.keys()
-
-
-def problem_without_controller() -> Problem:
-    """The problem of a prototype that cannot close its loop."""
-    return Problem("controller", "missing; a simulation closes the loop")

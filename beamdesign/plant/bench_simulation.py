@@ -9,7 +9,7 @@ import numpy as np
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.plant.assembly import Assembly, Structure, assemble, effect_figures, wrong_effects
 from beamdesign.plant.compiled import integrate
-from beamdesign.plant.equilibrium import Place, substeps_at
+from beamdesign.plant.equilibrium import Place, substeps_at, supply_Pa
 from beamdesign.plant.rigs import BENCH_STATED
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Scenario, inputs_of
@@ -71,7 +71,7 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
     structure = bench_structure(prototype)
     states, actuator = assemble(structure).states, prototype.actuator
     figure, tank, stroke = bench_parameters(prototype), actuator.tank_pressure_Pa, actuator.stroke_m
-    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", actuator.supply_pressure_Pa)
+    supply = supply_Pa(figure)
     asymmetry = figure.get("unequal_piston_areas.asymmetry", 0.0)
     x = dict.fromkeys(states, 0.0)
     if start_m is None:
@@ -166,8 +166,7 @@ def _stiff_places(
     """Where the equations are stiffest: at either stop, with the valve open."""
     place = {name: k for k, name in enumerate(assembly.states)}
     figure = dict(zip(assembly.parameters, parameters, strict=True))
-    supply, tank = figure["supply_pressure"], figure["tank_pressure"]
-    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", supply)
+    supply, tank = supply_Pa(figure), figure["tank_pressure"]
     volts = float(np.abs(command - figure["null"]).max())
     for sign, where, pressures in ((1.0, figure["stroke"], (supply, tank)), (-1.0, 0.0, (tank, supply))):
         for pressed in (1e-5, -1e-5):

@@ -287,16 +287,13 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
     k1, k2, k3, k4, trial = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     y, u0, u1, u2 = np.zeros(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
     period, delay = int(digital[0]), int(digital[1])
-    queue = np.zeros(delay + 1)
-    for j in range(delay + 1):
-        queue[j] = digital[3]
+    queue = np.full(delay + 1, digital[3])
     held, ticks, order, sensed = digital[3], 0, int(digital[4]), int(digital[5])
     width = order + sensed
     entries = 6 + sensed
     own = entries + (order + 1) * width  # where z begins
     given, after = np.zeros(width), np.zeros(order + 1)
-    for j in range(order):
-        given[j] = digital[own + j]
+    given[:order] = digital[own : own + order]
     if period == 0:
         held = 0.0
     for k in range(samples):
@@ -324,8 +321,7 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
                     for j in range(width):
                         total += digital[entries + i * width + j] * given[j]
                     after[i] = total
-                for j in range(order):
-                    given[j] = after[j]
+                given[:order] = after[:order]
                 queue[ticks % (delay + 1)] = after[order]
                 held = queue[(ticks + 1) % (delay + 1)]
                 ticks += 1

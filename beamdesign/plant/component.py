@@ -93,10 +93,8 @@ class Rig:
 
     def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
         """Time derivatives of all states but those of effects."""
-        found: dict[str, Any] = {}
-        for component in self.components:
-            found |= component.rates(port, figure, state)
-        return found
+        each = (component.rates(port, figure, state) for component in self.components)
+        return {name: rate for rates in each for name, rate in rates.items()}
 
 
 @dataclass(frozen=True)

@@ -223,14 +223,13 @@ def _lag(place: Place, kind: str) -> Effect:
 
     # A lag of what goes to the valve is none of what all sensors of a law say, which is all that elements know.
     linear = Linear("as it is", elements=elements) if place.name == "sensor" or place.motion is not None else None
-    words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
+    what, whole, words = "a lag", "signal", "of the signal that comes late"
+    if place.stiffness:
+        what, whole, words = "material that relaxes", "beam", "of the beam's stiffness, in series with a dashpot"
     parameters = (
         Parameter("share", 0.1, -0.45, 1.5, 0.2, words),
         Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag", "frequency"),
     )
-
-    what, whole = ("material that relaxes", "beam") if place.stiffness else ("a lag", "signal")
-
     like = f"{what} at {{break_Hz:.3g}} Hz, {{share:.0%}} of the {whole}"
     return _effect(place, kind, law, parameters, linear, like, states=("late",))
 

@@ -126,7 +126,7 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
         ValueError: where none is found.
     """
     figure = dict(zip(assembly.parameters, parameters, strict=True))
-    middle = _supply(figure) / 2
+    middle = supply_Pa(figure) / 2
     x = np.array([middle if name in ("pressure_a_Pa", "pressure_b_Pa") else 0.0 for name in assembly.states])
     done, share = 0.0, 1.0
     while done < 1.0:
@@ -317,7 +317,7 @@ def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> tuple[Pl
     assembly, parameters, places = assemble(kinds), np.array(values), []
     figure = dict(zip(assembly.parameters, values, strict=True))
     smaller = figure.get("piston_area", inf) * (1 - abs(figure.get("unequal_piston_areas.asymmetry", 0.0)))
-    held = min(_TEST_LOAD_N, smaller * _supply(figure) / 2)
+    held = min(_TEST_LOAD_N, smaller * supply_Pa(figure) / 2)
     for load in (0.0, held, -held):
         u = np.array([load, 0.0, 0.0])
         with suppress(ValueError):
@@ -325,6 +325,6 @@ def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> tuple[Pl
     return tuple(places)
 
 
-def _supply(figure: Mapping[str, float]) -> float:
+def supply_Pa(figure: Mapping[str, float]) -> float:
     """Supply pressure of a rig, Pa: that of its orifices where these have one of their own."""
     return figure.get("pressure_dependent_flow.supply_pressure_Pa", figure["supply_pressure"])

@@ -57,6 +57,10 @@ class Requirement(NamedTuple):
         """Name of the shadow price."""
         return f"{self.name}_kg_per_{'mm' if self.share is None else 'percent'}"
 
+    def unit(self, figure: float) -> float:
+        """What that is per, where so much is asked, in the requirement's own unit."""
+        return 0.001 if self.share is None else self.share * figure
+
 
 _STATED = (
     Requirement("load.tip_force_N", 1e-3, "tip_force", "tip force", 0.01),

@@ -107,8 +107,12 @@ def controller_of(prototype: Prototype, law: Compliance) -> Observer:
 
 
 Need = Literal["passive", "wall", "stable"]
-NEEDS: tuple[Need, ...] = ("passive", "wall", "stable")
-"""What contact has to be, the most first: passive at the tip; stable against every wall of the range; in the air."""
+NEEDS: dict[Need, str] = {
+    "passive": "passive at the tip",
+    "wall": "stable against every wall",
+    "stable": "stable for every end mass",
+}
+"""What contact has to be, in words, the most first; the walls are those of the range, and the last is in the air."""
 
 SHARE = 0.1
 """How far the apparent stiffness may be from the one commanded, as a share of it, within its band."""

@@ -333,17 +333,10 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
     order = np.argsort(-multipliers[: len(program.checks)])
     active = tuple(program.checks[i] for i in order if multipliers[i] > 0)
     found = check_sections(problem, *tubes(problem, best))
-    governing, prices = active[0] if active else found.governing, _prices(program, per_figure)
+    each = zip([REQUIREMENTS[name] for name in program.names], program.figures, per_figure, strict=True)
+    prices = {one.price: float(price) * one.unit(float(figure)) + 0.0 for one, figure, price in each}
+    governing = active[0] if active else found.governing
     return FreeOptimum(found, governing, active, residual, prices, len(ends), agreeing)
-
-
-def _prices(program: Program, per_figure: np.ndarray) -> dict[str, float]:
-    prices = {}
-    for name, figure, price in zip(program.names, program.figures, per_figure, strict=True):
-        asked = REQUIREMENTS[name]
-        unit = 0.001 if asked.share is None else asked.share * float(figure)
-        prices[asked.price] = float(price) * unit + 0.0
-    return prices
 
 
 def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:

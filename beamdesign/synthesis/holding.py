@@ -54,6 +54,12 @@ class Change(NamedTuple):
     value: float
     at_least: bool = True
 
+    @classmethod
+    def rounded(cls, key: str, value: float, at_least: bool = True) -> "Change":
+        """With a figure to three significant digits that is enough, so that what is printed of it is all of it."""
+        towards = Context(3, ROUND_CEILING if at_least else ROUND_FLOOR)
+        return cls(key, float(towards.create_decimal(repr(value))), at_least)
+
     def __str__(self) -> str:
         """In words, in the unit that it is read in and as it is to be written."""
         name, unit, _ = _KEYS[self.key]
@@ -179,30 +185,32 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
     """
     load, payload = problem.load.tip_force_N, STANDARD_GRAVITY * masses_kg[1]
     weight = weight_N(prototype, masses_kg[1])
-    link, held = weight - payload, _held(prototype, load + weight)
+    link = weight - payload
+    name, needed, available, unit, key = prototype.actuator.holding(prototype, load + weight)
+    held = Demanded(name, needed, inf if available is None else available, unit)  # enough where nothing is stated
     stall = held.available * (load + weight) / held.needed
     # Sections for a larger load weigh more, but not by more than it is larger.
-    designed = load if weight <= load else _up(payload + link * weight / load)
-    force = _swelled(prototype, problem, designed) + payload + link * designed / load
+    designed = Change(_LOAD, load) if weight <= load else Change.rounded(_LOAD, payload + link * weight / load)
+    force = _swelled(prototype, problem, designed.value) + payload + link * designed.value / load
     structure = Demanded("load in the choice of its sections", weight, load, "N")
     gap = _closing(prototype, load + weight)
     if not structure.met:
-        structure = structure._replace(ways=_heavier(problem, Change(_LOAD, designed), masses_kg[1]))
+        structure = structure._replace(ways=_heavier(problem, designed, masses_kg[1]))
     if not gap.met:
         gap = gap._replace(ways=structure.ways or ((_wider(problem, gap),),))
     if not held.met or (force > stall and not structure.met):
         held = held._replace(ways=_stronger(prototype, force))
     swelled, instead = _swelled(prototype, problem, load), []
     apart = (gap.available / MARGIN - gap.needed) * lumped_beam(prototype.inner_beam).stiffness + weight
-    payloads = Change(_PAYLOAD, _down((min(load, stall - swelled, apart) - link) / STANDARD_GRAVITY), False)
-    less = Change(_LOAD, _down((stall - weight) * load / swelled), False)
+    payloads = Change.rounded(_PAYLOAD, (min(load, stall - swelled, apart) - link) / STANDARD_GRAVITY, False)
+    less = Change.rounded(_LOAD, (stall - weight) * load / swelled, False)
     every = (structure, held, gap)
     if payloads.value >= masses_kg[0] and not all(limit.met for limit in every):
         instead.append((payloads,))
     if less.value >= weight and not held.met:
         instead.append((less,))
-    keys = (prototype.actuator.holding(prototype, 1.0)[4], "width_m and wall_m of both beams")
-    missing = {one.name: key for one, key in zip((held, gap), keys, strict=True) if one.available == inf}
+    places = (held, key), (gap, "width_m and wall_m of both beams")
+    missing = {one.name: place for one, place in places if one.available == inf}
     return Holding(load, weight, tuple(one for one in every if one.name not in missing), missing, tuple(instead))
 
 
@@ -228,7 +236,7 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
             missing[name] = key
             continue
         limit = Demanded(name, needed, available, unit)
-        ways: tuple[Way, ...] = ((Change(key, _up(MARGIN * needed)),),)
+        ways: tuple[Way, ...] = ((Change.rounded(key, MARGIN * needed),),)
         if not isfinite(needed):  # the actuator stalls while the load moves
             ways = _stronger(prototype, MARGIN * need["force_N"])
         limits.append(limit if limit.met else limit._replace(ways=ways))
@@ -266,9 +274,9 @@ def _milder(change: Change, problem: DesignProblem) -> tuple[Change, ...]:
     factor = {_PAYLOAD: 0.5, _COMPLIANCE: 10.0}.get(change.key)
     if factor is None:
         return ()
-    value = (_up if change.at_least else _down)(factor * change.value)
+    milder = Change.rounded(change.key, factor * change.value, change.at_least)
     least = problem.asked_kg()[0] if change.key == _PAYLOAD else 0.0
-    return (change._replace(value=value),) if 0 < value >= least and value in q.range_of(_KEYS[change.key][2]) else ()
+    return (milder,) if 0 < milder.value >= least and milder.value in q.range_of(_KEYS[change.key][2]) else ()
 
 
 def changed(problem: DesignProblem, way: Way) -> DesignProblem:
@@ -313,12 +321,6 @@ def _strictest(changes: Way) -> Way:
     return tuple(strictest[key] for key in dict.fromkeys(one.key for one in changes))
 
 
-def _held(prototype: Prototype, force_N: float) -> Demanded:
-    """What holding a force still takes; where the prototype does not say what there is, enough."""
-    name, needed, available, unit, _ = prototype.actuator.holding(prototype, force_N)
-    return Demanded(name, needed, inf if available is None else available, unit)
-
-
 def _closing(prototype: Prototype, force_N: float) -> Demanded:
     """What a force held still and its own weight move the inner beam, of the gap in their direction, m."""
     play = gaps(prototype.outer_beam, prototype.inner_beam)
@@ -328,7 +330,7 @@ def _closing(prototype: Prototype, force_N: float) -> Demanded:
 
 def _wider(problem: DesignProblem, gap: Demanded) -> Change:
     """What a study has to ask of the gap that is left under its load, so that load and weight leave one too."""
-    return Change(_LEFT, _up(problem.clearance.under_load_m + MARGIN * gap.needed - gap.available))
+    return Change.rounded(_LEFT, problem.clearance.under_load_m + MARGIN * gap.needed - gap.available)
 
 
 def _heavier(problem: DesignProblem, load: Change, payload_kg: float) -> tuple[Way, ...]:
@@ -359,25 +361,13 @@ def _swelled(prototype: Prototype, problem: DesignProblem, load_N: float) -> flo
 
 def _stronger(prototype: Prototype, force_N: float) -> tuple[Way, ...]:
     """What the actuator needs more of, for a force."""
-    return tuple(
-        (Change(key, (_up if least else _down)(value), least),)
-        for key, value, least in prototype.actuator.stronger(prototype, force_N)
-    )
+    return tuple((Change.rounded(*change),) for change in prototype.actuator.stronger(prototype, force_N))
 
 
 def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float, least_Hz: float) -> tuple[Way, ...]:
     """The compliance that the same loop keeps up to the least bandwidth, or a bandwidth that it has."""
     places = [(stage.prototype, mass) for stage in prototype.stages(masses_kg) for mass in stage.looked_at_kg]
     asked = [demand(law, mass, grid_Hz(law, mass, least_Hz / 1e3, least_Hz, _POINTS)) for law, mass in places]
-    compliance = _up(MARGIN * max(float(np.abs(one["displacement"]).max()) for one in asked))
-    had = Change("load.least_bandwidth_Hz", _down(up_to_Hz), False)
-    return (Change(_COMPLIANCE, compliance),), (had,)
-
-
-def _up(value: float) -> float:
-    """To three significant digits, so that what is printed of it is all of it."""
-    return float(Context(3, ROUND_CEILING).create_decimal(repr(value)))
-
-
-def _down(value: float) -> float:
-    return float(Context(3, ROUND_FLOOR).create_decimal(repr(value)))
+    most = max(float(np.abs(one["displacement"]).max()) for one in asked)
+    had = Change.rounded("load.least_bandwidth_Hz", up_to_Hz, False)
+    return (Change.rounded(_COMPLIANCE, MARGIN * most),), (had,)

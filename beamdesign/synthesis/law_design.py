@@ -210,12 +210,12 @@ def unknown(task: Search, design: Design) -> list[Cut]:
 
     Over a box compliance is compared worst with worst, and on its samples likewise.
     """
-    points = task.points_with(design.chosen) or task.points
     if task.goal.peak_over_passive == inf:
         return []
-    box = over_box(task, design)
-    known = points.servo_off(design.inner_end_mass) > _KNOWN * box.servo_off_m_per_N
-    return [] if known else [box.softest_without_servo()]
+    points, box = task.points_with(design.chosen) or task.points, over_box(task, design)
+    most, softest = box.servo_off
+    known = points.servo_off(design.inner_end_mass) > _KNOWN * most
+    return [] if known else [box.cut(softest)]
 
 
 def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
@@ -262,9 +262,8 @@ def over_box(task: Search, design: Design) -> BoxTask:
     """A design as what is to hold over the whole box."""
     assert task.spread is not None
     rig = task.prototype_with(design.chosen, rounded=True)
-    whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
     built = rig.with_law(design.law, task.masses_kg, design.inner_end_mass).but(goal=calmer(task.goal))
-    return BoxTask(built, task.spread, task.masses_kg, whole)
+    return BoxTask(built, task.spread, task.masses_kg)
 
 
 def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tuple[str, float, Cut]]:

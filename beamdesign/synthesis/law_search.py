@@ -223,11 +223,6 @@ def _spare(task: Search) -> tuple[float, float]:
     return (0.0, TOUCH) if task.spread is None else (ROOM, ROOM + 2 * TOUCH)
 
 
-def _touches(task: Search, design: Design) -> bool:
-    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
-    return task.reached(design, ROOM) < ENOUGH * task.reached(design)
-
-
 def _mended(task: Search, design: Design) -> Design:
     """From where a refinement finds its way: from far outside of the limits no small step keeps them all."""
     design = calmed(task, design)
@@ -296,8 +291,8 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             task = harder
             refinement = task.refinement(design.form)
             design = calmed(task, design)
-        elif task.spread is not None and stiffer < _STIFFEST and _touches(task, design):
-            stiffer *= 3  # between the points where it is enforced, where little of the bandwidth would be proved
+        elif task.spread and stiffer < _STIFFEST and task.reached(design, ROOM) < ENOUGH * task.reached(design):
+            stiffer *= 3  # compliance between the points where it is enforced: little to spare there costs most of it
         else:
             found, why, cuts = whole(task, design, loops)
             if found is None:

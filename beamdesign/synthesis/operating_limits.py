@@ -275,13 +275,12 @@ class Limits(Result):
             return finite(fields | {"reason": self.reason})
         shown = "frequency_Hz load_N governing limits_N displacement_m supply_power_W missing"
         bears, modes, reach = self.envelope, self.modes, self.linear_amplitude
-        figures = " ".join((*SingleModeReach.__dataclass_fields__, "gain_margin_eaten"))
         rows = [] if isinstance(reach, str) else [{k: row[k] for k in row if k != "words"} for row in reach]
         fields |= {
             "actuator": {"reason": bears.reason, "missing": bears.missing} if bears.reason else picked(bears, shown),
             "left_aside": self.left_aside,
             "sensor": self.sensor,
-            "modes": {"reason": modes} if isinstance(modes, str) else picked(modes, figures),
+            "modes": {"reason": modes} if isinstance(modes, str) else vars(modes) | picked(modes, "gain_margin_eaten"),
             "linear_amplitude": {"reason": reach} if isinstance(reach, str) else rows,
             "limit_cycles": self.limit_cycles,
         }

@@ -176,22 +176,21 @@ class BoxTask:
         prototype: with its controller; its goal sets the limits.
         spread: how far its figures may be off.
         masses_kg: payloads over which it is to perform.
-        stable_kg: those over which it is to be stable.
     """
 
     prototype: Prototype
     spread: RigSpread
     masses_kg: tuple[float, float]
-    stable_kg: tuple[float, float]
 
     @cached_property
     def box(self) -> Box:
         """Of tolerances and of payloads over which it is to be stable, with those over which it is to perform."""
+        stable_kg = self.masses_kg if self.spread.stage is None else self.spread.stage[1]
         whole, own = (
             tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
-            for masses_kg in (self.stable_kg, self.masses_kg)
+            for masses_kg in (stable_kg, self.masses_kg)
         )
-        if self.masses_kg == self.stable_kg:
+        if self.masses_kg == stable_kg:
             return whole
         low, high = map(exact, self.masses_kg)
         return replace(whole, performing={"outer_end_mass": own.ranges.get("outer_end_mass", (low, high))})
@@ -199,7 +198,7 @@ class BoxTask:
     def worst(self, bandwidth_Hz: float, missed: float = 0.0) -> list[tuple[str, float, Cut]]:
         """Rigs that miss a limit by more than so much (logarithm): of what, by how much, and which."""
         found = [
-            (asked.kind, log(worst.ratio), self._cut(worst))
+            (asked.kind, log(worst.ratio), self.cut(worst))
             for asked in self._asked(bandwidth_Hz)
             for worst in worst_over_box(self.prototype, self.box, asked)
             if worst.ratio > 0 and log(worst.ratio) > missed
@@ -213,23 +212,19 @@ class BoxTask:
             Asked("peak_sensitivity", goal.peak_sensitivity),
             Asked("compliance", goal.compliance_m_per_N, max(bandwidth_Hz, _LEAST_HZ)),
             *goal_claims(goal),
-            *(peak_claim(goal, self.servo_off_m_per_N) if goal.peak_over_passive < inf else ()),
+            *(peak_claim(goal, self.servo_off[0]) if goal.peak_over_passive < inf else ()),
         )
 
     @cached_property
-    def _servo_off(self) -> tuple[float, Worst]:
+    def servo_off(self) -> tuple[float, Worst]:
+        """The largest compliance (m/N) of all rigs with the servo off, sought, rounded down, and the rig that has it.
+
+        With the servo on the largest may be a multiple of that.
+        """
         return servo_off_over_box(self.prototype, self.box)
 
-    @property
-    def servo_off_m_per_N(self) -> float:
-        """The largest compliance of all rigs with the servo off, sought, rounded down."""
-        return self._servo_off[0]
-
-    def softest_without_servo(self) -> Cut:
-        """The rig with the largest compliance with the servo off, a multiple of which the largest with it on may be."""
-        return self._cut(self._servo_off[1])
-
-    def _cut(self, worst: Worst) -> Cut:
+    def cut(self, worst: Worst) -> Cut:
+        """A worst rig as something that limits are held on."""
         known, nominal = self.spread.deviations, self.box.nominal
         factors = {name: nearest(worst.parameters[name] / nominal[name]) for name in known if name in nominal}
         z = tuple(map(float, self.spread.off(factors)))
@@ -253,10 +248,10 @@ class BoxTask:
                 reason = f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
                 refuted = claim.holds is False and claim.witness is not None and asked.kind != "gain_margin"
                 worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
-                return None, reason, [self._cut(worst)] if refuted else []
+                return None, reason, [self.cut(worst)] if refuted else []
             claims.append(claim)
-        found, off = (self.spread.sigmas, tuple(claims), verdict.write), self.servo_off_m_per_N
-        return OverBox(*found, off, self._tightest(bandwidth_Hz)), "", []
+        found = self.spread.sigmas, tuple(claims), verdict.write, self.servo_off[0], self._tightest(bandwidth_Hz)
+        return OverBox(*found), "", []
 
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its law's current saturates, or why there is none."""

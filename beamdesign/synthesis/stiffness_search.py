@@ -152,7 +152,7 @@ def stiffness(
     wall = Wall(*((exact(low), exact(high)) for low, high in (wall_N_per_m, wall_damping_N_s_per_m)))
     if end_stiffness_N_per_m is None:
         judged = judge(prototype, None, masses, wall)
-        refused = "" if judged.meets(need) else judged.reason or f"the end is not {_WORDS[need]}"
+        refused = "" if judged.meets(need) else judged.reason or f"the end is not {NEEDS[need]}"
         return Design(judged, judged.met, 0, refused, asked=need)
     checked(prototype.name, "end_stiffness_N_per_m", Stiffness, end_stiffness_N_per_m)
     servo = prototype.kept_servo if keep_controller else None
@@ -160,7 +160,8 @@ def stiffness(
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness_N_per_m:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness_N_per_m:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
-    needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
+    needs, tried, refused = list(NEEDS), 0, ""
+    needs = needs[: needs.index(need) + 1]
     for k, one in enumerate(needs):
         search = _Search(prototype, others, end_stiffness_N_per_m, masses, wall, one, servo)
         with share(1 / (len(needs) - k)):
@@ -170,7 +171,7 @@ def stiffness(
             found = judge(prototype, law, masses, wall)
             return replace(carried_out(prototype, found), tried=tried, reason=refused, asked=need)
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
-        refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
+        refused = f"of {tried} laws that were tried, none that keeps the goal is {NEEDS[one]}{drawn}"
     return Design(None, None, tried, refused + _blurred(prototype, end_stiffness_N_per_m) if others else refused)
 
 
@@ -191,13 +192,6 @@ def plants_drawn(prototype: Prototype, largest_kg: float, count: int, seed: int,
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)
     return [sensed(spread.rig(z)) for z in spread.drawn(count, seed, reach)]
-
-
-_WORDS: dict[Need, str] = {
-    "passive": "passive at the tip",
-    "wall": "stable against every wall",
-    "stable": "stable for every end mass",
-}
 
 
 _Best = tuple[float, np.ndarray | None]
@@ -225,7 +219,7 @@ class _Search:
 
     def best(self, progress: Progress) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
-        words = f"laws that are {_WORDS[self.need]}"
+        words = f"laws that are {NEEDS[self.need]}"
         quicker = np.log10(pace(self.figures)) * np.array([0, 1, 1, 1])
         bounds = np.clip([_LOWEST + quicker, _HIGHEST + quicker], *_OF_EACH.T)
         if self.servo:

@@ -176,11 +176,6 @@ class Actuator(Kinded):
 
     stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
 
-    @property
-    def rig(self) -> str:
-        """Which of `beamdesign.plant.assembly.RIGS` has it."""
-        return "twin_beam" if self.kind == self.where_none_is_stated else self.kind
-
     @classmethod
     def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
         """States of the linear plant from those of its components and the outer tip's place, linear in both."""
@@ -328,7 +323,7 @@ class WithActuator(Record):
     @property
     def rig(self) -> str:
         """Which of `beamdesign.plant.assembly.RIGS` it is."""
-        return self.actuator.rig
+        return "twin_beam" if self.actuator.kind == Actuator.where_none_is_stated else self.actuator.kind
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
