@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from math import exp
 from typing import Any, NamedTuple
@@ -157,7 +157,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
 
 
-def _balance(orifices, given):  # type: ignore[no-untyped-def]
+@partial(as_machine_code, error_model="numpy")
+def _balanced(orifices, given):  # type: ignore[no-untyped-def]
     """Where forces balance: (3, n) speeds without their sign, pressures of the side that fills and of the other one.
 
     Args:
@@ -213,9 +214,6 @@ def _balance(orifices, given):  # type: ignore[no-untyped-def]
         if settled:
             break
     return found
-
-
-_balanced = as_machine_code(_balance, error_model="numpy")
 
 
 def stalled(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
