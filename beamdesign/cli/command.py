@@ -306,8 +306,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
     """
     if text is None:
         if default is None:
-            reason = "missing; give it there or as --outer-end-mass LO:HI"
-            refuse(source, ("payload.outer_end_mass_kg", reason))
+            refuse(source, ("payload.outer_end_mass_kg", "missing; give it there or as --outer-end-mass LO:HI"))
         return default
     expected = "two masses in kg as LO:HI, such as 0:6.8"
     low, high = figures_of("--outer-end-mass", text, "MassOrNone", expected, ":", 2)
@@ -376,9 +375,7 @@ def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> d
     """The answer of the stage that governs; of several stages with those of all under `stages`."""
 
     def reached(fields: dict[str, Any]) -> float:
-        found = fields.get("guaranteed")
-        found = found["bandwidth_Hz"] if isinstance(found, dict) else getattr(found, "bandwidth_Hz", None)
-        return found or 0.0  # none where it is not proved
+        return (fields.get("guaranteed") or {}).get("bandwidth_Hz") or 0.0  # none where it is not proved
 
     answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
     return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}
