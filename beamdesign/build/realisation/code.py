@@ -227,7 +227,7 @@ class ProvedCode(Result):
 
     def loop_rows(self) -> list[tuple[str, float, float, float]]:
         """The worst of the loop at all masses looked at: continuous, put out at once, and one period late."""
-        found = [worst([getattr(at, at_what) for at in self.masses]) for at_what in _PUT_OUT]
+        found = [worst([getattr(at, how) for at in self.masses]) for how in ("continuous", "at_once", "late")]
         return [
             (words, *(getattr(one, key) for one in found))
             for words, key in (
@@ -279,9 +279,6 @@ class ProvedCode(Result):
         """
         texts = c_files(self.realisation, self.prototype.name, self.notes())
         return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
-
-
-_PUT_OUT = ("continuous", "at_once", "late")
 
 
 @takes("Prototype")
