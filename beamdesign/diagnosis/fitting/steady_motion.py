@@ -117,8 +117,6 @@ def _like_later_half(values: np.ndarray) -> np.ndarray:
 _ROUNDS = 30
 _SETTLED = 1e-6  # relative: Newton's next step would be of its square
 _LEAST_A = 1e-9  # of a valve that is just not shut
-
-
 _FRICTIONLESS = (("coulomb_N", 0.0), ("viscous_N_s_per_m", 0.0), ("breakaway_ratio", 1.0), ("stribeck_m_per_s", 1.0))
 
 
