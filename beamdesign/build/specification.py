@@ -228,9 +228,7 @@ def specify(
     progress(0.05, "bandwidth of the sensor")
     sensor = sensor_need(prototype, masses_kg, load, noise_share)
     unboxed = why_no_box(stages[0].prototype)
-    kept = None
-    if not unboxed:
-        kept = tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
+    kept = None if unboxed else tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
     specified, share = {} if kept is None else kept.specified, 0.5 / len(laws)
     laws = tuple(
         _realised(one, specified, part_of(progress, 0.5 + k * share, 0.5 + (k + 1) * share))

@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from copy import copy
 from dataclasses import dataclass
 from functools import wraps
@@ -97,7 +97,7 @@ def command(
         if wrong:
             refuse(called, *wrong)
         files = {name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}
-        with output.reporting(called), _errors_by_file(files):
+        with nullcontext() if sys.stderr.isatty() else output.lines(called), _errors_by_file(files):
             result = work(**given)
         echo(*map(str, result.files))
         if wrong := output.another_file(json, [*result.files, result.fields]):

@@ -256,15 +256,10 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
     Returns:
         with a 90 % interval of `closed` by the bootstrap over pieces.
     """
-    nominal = np.zeros(len(null.z))
-    rows = [
-        (
-            misfit_of(piece, NOTHING, nominal),
-            misfit_of(piece, NOTHING, without(null, k)),
-            misfit_of(piece, after.hypothesis, without(after, k)),
-            float(np.sqrt(np.mean(piece.units**2) * piece.expected / len(piece.units))),
-        )
-        for k, piece in enumerate(evidence)
-    ]
+    nominal, rows = np.zeros(len(null.z)), []
+    for k, piece in enumerate(evidence):
+        models = (NOTHING, nominal), (NOTHING, without(null, k)), (after.hypothesis, without(after, k))
+        noise = float(np.sqrt(np.mean(piece.units**2) * piece.expected / len(piece.units)))
+        rows.append((*(misfit_of(piece, *model) for model in models), noise))
     records = tuple(RecordGap(piece.name, True, *row) for piece, row in zip(evidence, rows, strict=True))
     return gap_of_pieces(np.array(rows), records, 0, _DRAWS, most=1.0)
