@@ -491,7 +491,7 @@ def test_figures_beside_records_that_are_no_good_bear_no_sure_answer(
 ):
     """All records are too short to be used: so the warnings say, and what is left is told with as much doubt."""
     monkeypatch.setattr(search, "singles", lambda rig: (together("sensor_lag"), together(GAIN)))
-    monkeypatch.setattr(gain_diagnosis, "next_experiment", lambda *given: None)
+    monkeypatch.setattr(gain_diagnosis.gain_findings, "next_experiment", lambda *given: None)
     data = rig_with_lag(believed, 400.0, 1, (0.4,))
     short = np.zeros((20, 2)), {"displacement_m": np.arange(20.0), "current_A": np.arange(20.0)}
     taken = tuple(TimeRecord(f"r{k}", 1e-3 * np.arange(20), *short, 0.0, 0.0, LAG) for k in range(records))

@@ -346,16 +346,12 @@ def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
     law, shown = {"controller": prototype.own_controller.model_dump()}, "outer_end_mass_kg inner_end_mass_kg"
     records = [{"file": f"records/{row.name}.csv"} | picked(row, shown) | law for row in plan.scenario.record]
     table = {"name": plan.scenario.name, "prototype": "prototype.toml", "record": records}
-    gains = [
-        "# Where critical gains were measured, take the marks away and put them in:",
-        *(
-            f"# [[critical_gain]]\n# outer_end_mass_kg = {mass!r}\n"
-            f"# inner_end_mass_kg = {prototype.payload.inner_end_mass_kg!r}\n"
-            "# gain_A_per_V = \n# relative_std = 0.03\n# frequency_Hz = \n"
-            for mass in plan.masses_kg
-        ),
-    ]
-    return tomli_w.dumps(table) + "\n" + "\n".join(gains)
+    inner = prototype.payload.inner_end_mass_kg
+    gains = "# Where critical gains were measured, take the marks away and put them in:"
+    for mass in plan.masses_kg:
+        gains += f"\n# [[critical_gain]]\n# outer_end_mass_kg = {mass!r}\n# inner_end_mass_kg = {inner!r}\n"
+        gains += "# gain_A_per_V = \n# relative_std = 0.03\n# frequency_Hz = \n"
+    return f"{tomli_w.dumps(table)}\n{gains}"
 
 
 def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tuple[float, ...], str]:

@@ -125,15 +125,15 @@ def svg_text(document: "Drawing", description: str) -> str:
     return svg_element(text.replace("#000000", "var(--ink, #000)"), description)
 
 
-def _box(space: "Modelspace", layer: str, x: tuple[float, float], y: tuple[float, float]) -> None:
+def _box(
+    space: "Modelspace", layer: str, x: tuple[float, float], y: tuple[float, float], hatched: float | None = None
+) -> None:
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
     space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
-
-
-def _hatch(space: "Modelspace", x: tuple[float, float], y: tuple[float, float], scale: float) -> None:
-    hatch = space.add_hatch(dxfattribs={"layer": "HATCH"})
-    hatch.set_pattern_fill("ANSI31", scale=0.8 * scale)
-    hatch.paths.add_polyline_path([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])], is_closed=True)
+    if hatched is not None:
+        hatch = space.add_hatch(dxfattribs={"layer": "HATCH"})
+        hatch.set_pattern_fill("ANSI31", scale=hatched)
+        hatch.paths.add_polyline_path(corners, is_closed=True)
 
 
 def _dimension(
@@ -165,8 +165,7 @@ def _lengthwise(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -
     blocks = [((outer.back, -outer.free), half, half + thick), ((inner.back, -inner.free), inside, half - outer.wall)]
     for x, low, high in blocks:
         for side in (-1, 1):
-            _box(space, "BASE", x, (side * low, side * high))
-            _hatch(space, x, (side * low, side * high), scale)
+            _box(space, "BASE", x, (side * low, side * high), hatched=0.8 * scale)
     back = min(outer.back, inner.back)
     space.add_line((back - 8 * scale, 0), (14 * scale, 0), dxfattribs={"layer": "CENTRE"})
     # The joint: a cylinder between the inner tip and the outer one, as a symbol.

@@ -6,7 +6,7 @@ The words of the document stand in the template `specification.j2`.
 import hashlib
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from functools import cache, partial
-from math import inf, pi
+from math import inf
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,7 +16,7 @@ from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bar
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.circuit import Circuit, part_value
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
-from beamdesign.build.ratings import KEPT, MARGIN, held_loads
+from beamdesign.build.ratings import KEPT, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
@@ -76,12 +76,6 @@ _RETIRING = (
 """Of an earlier specification; what was measured for it stays."""
 
 
-_AGAIN = Paragraph(
-    "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask for a range that is stable"
-    " with `--outer-end-mass`, then specify again."
-)
-
-
 def document_of(spec: Specification, svg: str = "") -> Document:
     """The specification as a document; where the loop is not stable it says so, and why."""
     kind = "Specification"
@@ -89,7 +83,11 @@ def document_of(spec: Specification, svg: str = "") -> Document:
         ranges = ", ".join(f"{stated_range(ends)} kg" for ends in _stable_ranges_kg(spec)) or "none"
         found = (("stable ranges within what was asked", ranges), ("foundation", "proved"))
         verdict = f"Nothing is specified: {spec.reason}."
-        return Document(spec.prototype.name, kind, verdict, found, (Part("What to do", (_AGAIN,)),))
+        again = Paragraph(
+            "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask for a range that is"
+            " stable with `--outer-end-mass`, then specify again."
+        )
+        return Document(spec.prototype.name, kind, verdict, found, (Part("What to do", (again,)),))
     reached, masses_kg = spec.guaranteed, masses_text(spec.masses_kg)
     assert reached is not None
     verdict = (
@@ -236,8 +234,8 @@ def _template() -> Template:
         stated_bandwidth, linear_part, left_aside,
     )  # fmt: skip
     figures = {
-        "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
-        "measured_within": MEASURED_WITHIN, "changes_name": CHANGES_NAME,
+        "inf": inf, "kept": KEPT, "largest": LARGEST, "safety": SAFETY, "measured_within": MEASURED_WITHIN,
+        "changes_name": CHANGES_NAME,
     }  # fmt: skip
     return document_template(
         Path(__file__).with_name("specification.j2"),

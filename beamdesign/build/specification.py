@@ -33,7 +33,6 @@ from beamdesign.synthesis.design_run import DesignRun
 _REFERENCE_N = 100.0
 _DELAY_BUDGET = 2000
 _TRIES = 3
-_PROVED = ("none proved", "proved")
 
 
 @dataclass(frozen=True)
@@ -150,16 +149,14 @@ class Specification(Result):
             rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
         if self.prototype.schedule is not None and self.switching is None:
             rows.append(("changes between the laws", "not covered by any proof", "the prototype has effects"))
-        stays, keeps = (optional(at, "Hz", ROUND_CEILING) for at in (sensor.stable_from_Hz, sensor.performs_from_Hz))
-        rows += [
-            ("sensor bandwidth from which on the loop is stable", stays, _PROVED[sensor.stable_from_Hz is not None]),
-            (
-                f"that costs at most {100 * KEPT:g} % of the guarantee",
-                keeps,
-                _PROVED[sensor.performs_from_Hz is not None],
-            ),
-            ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m, 4, ROUND_FLOOR)} µm", "computed"),
-        ]
+        for words, from_Hz in (
+            ("sensor bandwidth from which on the loop is stable", sensor.stable_from_Hz),
+            (f"that costs at most {100 * KEPT:g} % of the guarantee", sensor.performs_from_Hz),
+        ):
+            founded = "none proved" if from_Hz is None else "proved"
+            rows.append((words, optional(from_Hz, "Hz", ROUND_CEILING), founded))
+        finest = f"{decimal(1e6 * sensor.resolution_m, 4, ROUND_FLOOR)} µm"
+        rows.append(("sensor resolution, at most", finest, "computed"))
         if tolerances is None:
             rows.append(("tolerances", "none proved", self.tolerances_reason))
         else:
@@ -231,9 +228,7 @@ def specify(
     progress(0.05, "bandwidth of the sensor")
     sensor = sensor_need(prototype, masses_kg, load, noise_share)
     unboxed = why_no_box(stages[0].prototype)
-    kept = None
-    if not unboxed:
-        kept = tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
+    kept = None if unboxed else tolerances(prototype, masses_kg, part_of(progress, 0.1, 0.5))
     specified, share = {} if kept is None else kept.specified, 0.5 / len(laws)
     laws = tuple(
         _realised(one, specified, part_of(progress, 0.5 + k * share, 0.5 + (k + 1) * share))

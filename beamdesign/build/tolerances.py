@@ -159,11 +159,9 @@ def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: P
         specified = float(decimal(share / SAFETY, 2, ROUND_FLOOR)) if share > 0 else 0.0  # as a workshop can be given
         ends: Performance = (None, None)
         if name in CHANGEABLE:
-            ends = performance_of_all(
-                stage._replace(prototype=with_figures(stage.prototype, {name: 1 + side * specified}))
-                for stage in stages
-                for side in (-1, 1)
-            )
+            both = [{name: 1 + side * specified} for side in (-1, 1)]
+            off = (one._replace(prototype=with_figures(one.prototype, by)) for one in stages for by in both)
+            ends = performance_of_all(off)
         rows.append(FigureTolerance(name, *alone[name].times(_UNIT), share, specified, *ends))
     figures = tuple(sorted(rows, key=lambda row: row.alone))
     return Tolerances(figures, *equal.times(_UNIT), stated, shared.certificates, equal.certificates)

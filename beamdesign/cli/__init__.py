@@ -37,8 +37,7 @@ class Commands(TyperGroup):
 
     def __init__(self, **attributes: Any):
         super().__init__(**attributes)
-        own = [parameter for parameter in self.params if parameter.name == "quiet"]
-        _extend(self, own)
+        _extend(self, [parameter for parameter in self.params if parameter.name == "quiet"])
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the program's own options; what an earlier call in this process said is forgotten."""
@@ -125,13 +124,11 @@ def write_in_any_encoding() -> None:
 
 def _nearest(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
-    return "".join(map(in_ascii, error.object[error.start : error.end])), error.end
-
-
-def in_ascii(letter: str) -> str:
-    """A letter by its nearest in ASCII; a question mark where there is none."""
-    plain = "".join(c for c in unicodedata.normalize("NFKD", letter) if c.isascii())
-    return _IN_ASCII.get(letter) or plain or "?"
+    spelt = ""
+    for letter in error.object[error.start : error.end]:  # each by its nearest in ASCII
+        plain = "".join(c for c in unicodedata.normalize("NFKD", letter) if c.isascii())
+        spelt += _IN_ASCII.get(letter) or plain or "?"
+    return spelt, error.end
 
 
 app = group(

@@ -137,8 +137,7 @@ def _force(record: "Prototype", text: str | None, payload: float, source: Path) 
 
     if text is None:
         if not any(load := usual_load_N(record, payload)):
-            reason = "missing, and no payload has weight; give --force-N"
-            refuse(source, ("payload.largest_force_N", reason))
+            refuse(source, ("payload.largest_force_N", "missing, and no payload has weight; give --force-N"))
         return load
     if "," in text:
         return _three(text, "--force-N", "SignedForce")
@@ -311,8 +310,7 @@ def certify_switching(
     record = with_controller(prototype)
     low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if not low < high:
-        reason = f"{low:g}:{high:g} holds one mass, which cannot change"
-        refuse("certify-switching", ("--outer-end-mass", reason))
+        refuse("certify-switching", ("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
     path = certificate_file(out, prototype, "stages")
 
     from beamdesign.proofs.lyapunov import describe, stages_certificate

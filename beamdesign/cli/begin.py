@@ -203,8 +203,7 @@ def _one_figure(number: int, out: Path) -> CommandResult:
     echo(f"paper: {drawing.claim}")
     echo(f"model: {drawing.caption}")
     _echo_checks(drawing.checks)
-    fields = {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks}
-    return CommandResult(fields)
+    return CommandResult({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
 
 
 def _echo_checks(checks: Sequence[Any]) -> None:

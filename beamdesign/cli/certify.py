@@ -375,12 +375,8 @@ def _echo_each(found: "Mapping[str, Scaling]", sigmas: float) -> None:
     from beamdesign.quantities import decimal
 
     columns = "figure", "proved stable up to", "not stable from"
-    rows = [
-        (
-            figure_key(name)[0],
-            decimal(one.proved * sigmas, rounding=ROUND_FLOOR),
-            "none found" if one.refuted is None else decimal(one.refuted * sigmas, rounding=ROUND_CEILING),
-        )
-        for name, one in found.items()
-    ]
+    rows = []
+    for name, one in found.items():
+        refuted = "none found" if one.refuted is None else decimal(one.refuted * sigmas, rounding=ROUND_CEILING)
+        rows.append((figure_key(name)[0], decimal(one.proved * sigmas, rounding=ROUND_FLOOR), refuted))
     echo_table(f"standard deviations that one figure may be off, the others up to {sigmas:g} as before", columns, rows)

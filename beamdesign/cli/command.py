@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from copy import copy
 from dataclasses import dataclass
 from functools import wraps
@@ -97,7 +97,7 @@ def command(
         if wrong:
             refuse(called, *wrong)
         files = {name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}
-        with output.reporting(called), _errors_by_file(files):
+        with nullcontext() if sys.stderr.isatty() else output.lines(called), _errors_by_file(files):
             result = work(**given)
         echo(*map(str, result.files))
         if wrong := output.another_file(json, [*result.files, result.fields]):
@@ -306,8 +306,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
     """
     if text is None:
         if default is None:
-            reason = "missing; give it there or as --outer-end-mass LO:HI"
-            refuse(source, ("payload.outer_end_mass_kg", reason))
+            refuse(source, ("payload.outer_end_mass_kg", "missing; give it there or as --outer-end-mass LO:HI"))
         return default
     expected = "two masses in kg as LO:HI, such as 0:6.8"
     low, high = figures_of("--outer-end-mass", text, "MassOrNone", expected, ":", 2)
@@ -376,9 +375,7 @@ def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> d
     """The answer of the stage that governs; of several stages with those of all under `stages`."""
 
     def reached(fields: dict[str, Any]) -> float:
-        found = fields.get("guaranteed")
-        found = found["bandwidth_Hz"] if isinstance(found, dict) else getattr(found, "bandwidth_Hz", None)
-        return found or 0.0  # none where it is not proved
+        return (fields.get("guaranteed") or {}).get("bandwidth_Hz") or 0.0  # none where it is not proved
 
     answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
     return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}

@@ -162,8 +162,7 @@ def size(
         prices = [(name, price) for name, price in free.shadow_prices.items() if price]
         echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
     if found.feasible:
-        rig = problem.prototype(found.outer, found.inner)
-        _echo_weight(rig, problem.load.tip_force_N, "load.tip_force_N")
+        _echo_weight(problem.prototype(found.outer, found.inner), problem.load.tip_force_N, "load.tip_force_N")
     return CommandResult(found.to_dict(), found.feasible)
 
 

@@ -140,9 +140,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
             echo(*[f"like {cause.like}"] * bool(cause.like), *cause.flags, before=f"{cause.name}: ")
     where = found.where
     if where.subsystem:
-        condition = f", {where.condition}" if where.condition else ""
-        kind = f", {where.kind}" if where.kind else ""
-        echo(f"where: {where.place}{kind}{condition}")
+        echo(f"where: {', '.join(filter(None, (where.place, where.kind, where.condition)))}")
     if where.sentence:
         echo(where.sentence)
     _echo_gap(found)

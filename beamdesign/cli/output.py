@@ -13,7 +13,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -375,16 +375,11 @@ def display(description: str) -> Iterator[Progress]:
         yield update
 
 
-def reporting(name: str) -> AbstractContextManager[None]:
-    """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
-    return nullcontext() if sys.stderr.isatty() else lines(name)
-
-
 def progress(description: str, expected: str = "") -> AbstractContextManager[Progress]:
     """How far work has got, on stderr, for as long as a `with` block runs, which is given `update(share, words)`.
 
-    A bar on a terminal; elsewhere in the lines of `reporting`, and before them one on how long it is expected to take,
-    where that is given.
+    A bar on a terminal; elsewhere `lines` tells it, and before that a line how long it is expected to take, where that
+    is given.
     """
     if expected and not sys.stderr.isatty():
         note(f"{description}: {expected} on an ordinary core; every half minute a line follows")

@@ -69,10 +69,7 @@ def _echo_loop(rig: "beamdesign.Prototype", plan: "Scenario", found: "Simulation
     if arm_of(rig).plane is None and (words := left_aside(rig)):
         echo(f"simulated with {words}, or state arm.plane to simulate that plane")
     for record, asked in zip(found.records, plan.record, strict=True):
-        if not record.stable:
-            echo(f"{record.name}: {record.reason}")
-        if record.uncertain:
-            echo(f"{record.name}: {record.uncertain}")
+        echo(*filter(None, (record.reason, record.uncertain)), before=f"{record.name}: ")
         if (law := asked.controller or rig.controller) is not None and law.schedule is not None:
             stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
             mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))

@@ -248,8 +248,7 @@ def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
         used = "-" if utilisation is None else f"{100 * utilisation:.0f} %"
         return name, value, "at least" if at_least else "at most", limit, unit, used, "" if satisfied else "FAILS"
 
-    rows = [row(**check) for check in checks]
-    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
+    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), [row(**check) for check in checks])
 
 
 study = group("Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.")

@@ -114,8 +114,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     if not examined.data.records:
         data, kept, weighed = _weighed(examined.data, kept)
         data = replace(data, warnings=(*weighed, *examined.words))
-        doubtful = examined.limits_confidence or bool(weighed)
-        figures_only = explain_gains(data, workers, progress, kept, doubtful)
+        figures_only = explain_gains(data, workers, progress, kept, examined.limits_confidence or bool(weighed))
         return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
     best, data = found.best, found.data

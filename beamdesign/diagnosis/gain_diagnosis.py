@@ -10,6 +10,7 @@ from math import exp, log, tau
 import numpy as np
 from scipy.special import expit
 
+from beamdesign.diagnosis import gain_findings
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
 from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, updated_prototype
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
@@ -19,14 +20,6 @@ from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, n
 from beamdesign.diagnosis.fitting.kept import FitCache
 from beamdesign.diagnosis.fitting.replay import depends_on_size
 from beamdesign.diagnosis.fitting.search import Search, search
-from beamdesign.diagnosis.gain_findings import (
-    another_size,
-    factor_of,
-    gain_shares,
-    next_experiment,
-    notes_of,
-    notes_on_predictions,
-)
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
@@ -75,9 +68,8 @@ def explain_gains(
     moved = replace(data, gains=tuple(_from_prediction(piece) for piece in gains))
     there = kept and replace(kept, part=("from what was predicted",))
     other = _explained(moved, workers, part_of(progress, 0.5, 1.0), there, doubtful)
-    more = notes_on_predictions(gains, other.findings["factor"], other.sentences)
-    findings = {**own.findings, "on_predictions": other}
-    return replace(own, notes=(*own.notes, *more), findings=findings)
+    more = gain_findings.notes_on_predictions(gains, other.findings["factor"], other.sentences)
+    return replace(own, notes=(*own.notes, *more), findings={**own.findings, "on_predictions": other})
 
 
 def _from_prediction(piece: GainEvidence) -> MeasuredGain:
@@ -115,11 +107,11 @@ def _explained(
     of = judged.of_causes
     if judged.unknown > of[rivals[0].hypothesis.causes] * exp(-THRESHOLDS.separate):
         names.append(OUTSIDE)
-    asked = another_size(data) if verdict in ("ambiguous", "unknown") and not left else None
+    asked = gain_findings.another_size(data) if verdict in ("ambiguous", "unknown") and not left else None
     if verdict == "ambiguous" and not left:
-        asked = next_experiment(data, rivals, [of[f.hypothesis.causes] for f in rivals]) or asked
+        asked = gain_findings.next_experiment(data, rivals, [of[f.hypothesis.causes] for f in rivals]) or asked
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
-    factor, shares = factor_of(gains), gain_shares(gains)
+    factor, shares = gain_findings.factor_of(gains), gain_findings.gain_shares(gains)
     gap = figures_of_gap(evidence, found.null, rivals[0] if named else found.null)
     where = where_of(chosen, alike, evidence, found)
     errors = (
@@ -144,7 +136,7 @@ def _explained(
         (*filter(None, (far,)), *data.warnings),
         found,
         hypotheses=sets,
-        notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor, data.prototype.rig)),
+        notes=(*notes_on_known(data.prototype), *gain_findings.notes_of(silent, shares, factor, data.prototype.rig)),
         left_out=left,
         written=holder,
         measure="Relative errors of each figure as predicted from all the others.",
@@ -264,15 +256,10 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
     Returns:
         with a 90 % interval of `closed` by the bootstrap over pieces.
     """
-    nominal = np.zeros(len(null.z))
-    rows = [
-        (
-            misfit_of(piece, NOTHING, nominal),
-            misfit_of(piece, NOTHING, without(null, k)),
-            misfit_of(piece, after.hypothesis, without(after, k)),
-            float(np.sqrt(np.mean(piece.units**2) * piece.expected / len(piece.units))),
-        )
-        for k, piece in enumerate(evidence)
-    ]
+    nominal, rows = np.zeros(len(null.z)), []
+    for k, piece in enumerate(evidence):
+        models = (NOTHING, nominal), (NOTHING, without(null, k)), (after.hypothesis, without(after, k))
+        noise = float(np.sqrt(np.mean(piece.units**2) * piece.expected / len(piece.units)))
+        rows.append((*(misfit_of(piece, *model) for model in models), noise))
     records = tuple(RecordGap(piece.name, True, *row) for piece, row in zip(evidence, rows, strict=True))
     return gap_of_pieces(np.array(rows), records, 0, _DRAWS, most=1.0)

@@ -284,21 +284,22 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             [taken(g) for g in without_frequency],
         )
     for law in _laws(data):
+        named, breaks = f"the {law.words()} law", law.model_dump(exclude={"gain_A_per_V"})
         own = [g for g in data.gains if g.controller.but(gain_A_per_V=1.0) == law.but(gain_A_per_V=1.0)]
         known = {(g.outer_end_mass, g.inner_end_mass) for g in own if not g.load_N}
         for masses in sorted(_masses(data) - known):
-            where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
+            where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {named}"
             text = f"Measure the critical gain {where}, and the frequency of the oscillation."
-            at = {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
+            at = {"controller": breaks, "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]}
             yield from gains(text, at, [taken(MeasuredGain(law, *masses, std))])
         if fits(AREAS, data.prototype.rig):
             load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
             both = [MeasuredGain(law, 0.0, 0.0, std, load_N=sign * load) for sign in (1, -1)]
             if not {load, -load} <= {g.load_N for g in own}:
                 yield from gains(
-                    f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip,"
+                    f"Measure the critical gain under {named} with a constant load of {load:g} N on the tip,"
                     " pushing and pulling: unequal sides of the piston give two gains, anything else one.",
-                    {"controller": _without_gain(law), "load_N": [load, -load]},
+                    {"controller": breaks, "load_N": [load, -load]},
                     [taken(one) for one in both],
                 )
         if (bare := taken(MeasuredGain(law, 0.0, 0.0, std))) is None:
@@ -309,7 +310,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             continue
         piece = ResponseEvidence(replace(flat, response=response), data.prototype)
         text = (
-            f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {_words(law)} at"
+            f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {named} at"
             f" {quantity(quiet.gain_A_per_V, 'A/V', 3)} (half its critical gain)."
         )
         given = {"kind": "frequency_response", "controller": quiet.model_dump()}
@@ -330,11 +331,3 @@ def _masses(data: Dataset) -> set[tuple[float, float]]:
     outer = max((m for m, _ in used), default=0.0) or 5.0
     inner = max((m for _, m in used), default=0.0) or float(f"{exp(log(outer) - 0.43):.1g}")
     return {(a * outer, b * inner) for a in (0.0, 0.5, 1.0) for b in (0.0, 1.0)}
-
-
-def _without_gain(law: Controller) -> dict[str, object]:
-    return law.model_dump(exclude={"gain_A_per_V"})
-
-
-def _words(law: Controller) -> str:
-    return f"the {law.words()} law"

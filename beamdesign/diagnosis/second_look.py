@@ -239,8 +239,7 @@ def grows(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
     last = first + max(2, round(_LASTS_S / record.step))
     inputs[first:last, 1] += rig.sensor.gain_V_per_m * piece.weight.noise_std[piece.column]
     plain = piece.predicted(placement, z)
-    nudged = replace(piece, job=Replay(replace(record, inputs=inputs), rig))
-    moved = nudged.predicted(placement, z)
+    moved = replace(piece, job=Replay(replace(record, inputs=inputs), rig)).predicted(placement, z)
     if plain is None or moved is None:
         return True
     motion = (moved - plain)[:, piece.column]

@@ -184,13 +184,10 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
             cleared = {name: values - own.get(name, 0.0) for name, values in records[k].measured.items()}
             records[k] = replace(records[k], measured=cleared)
         in_loop = hearing > len(tone.having) / 2
-        words.append(f"{tone.sentence} {_TAKEN_OFF}{_HEARD if in_loop else ''}.")
+        heard = "; but the loop hears it, so that the rig moves by it, which no model here does" * in_loop
+        words.append(f"{tone.sentence} It is taken off the records before they are weighed{heard}.")
         any_in_loop = any_in_loop or in_loop
     return replace(data, records=tuple(records)) if words else data, tuple(words), any_in_loop
-
-
-_TAKEN_OFF = "It is taken off the records before they are weighed"
-_HEARD = "; but the loop hears it, so that the rig moves by it, which no model here does"
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

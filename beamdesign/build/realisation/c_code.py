@@ -225,11 +225,8 @@ class _Lines(Arithmetic[str]):
         self.written += ["", "/* current */"]
         named = [self._let(f"part{k}", text) for k, text in enumerate(products, 1)] if len(products) > 1 else products
         product = self._let("current", reduce("{} + {}".format, named))
-        self.written += [
-            "",
-            "/* limit, remembered for the states below */",
-            f"state->limited = ({product} > CURRENT_LIMIT) - ({product} < -CURRENT_LIMIT);",
-        ]
+        limited = f"state->limited = ({product} > CURRENT_LIMIT) - ({product} < -CURRENT_LIMIT);"
+        self.written += ["", "/* limit, remembered for the states below */", limited]
         return product
 
     def advance(self, state: str, coefficient: str, value: str, held: int) -> None:

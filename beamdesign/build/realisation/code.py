@@ -7,7 +7,7 @@ then asked of these.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from math import atan, inf, pi
 from pathlib import Path
 from typing import Any
@@ -227,16 +227,9 @@ class ProvedCode(Result):
 
     def loop_rows(self) -> list[tuple[str, float, float, float]]:
         """The worst of the loop at all masses looked at: continuous, put out at once, and one period late."""
-        found = [worst([getattr(at, at_what) for at in self.masses]) for at_what in _PUT_OUT]
-        return [
-            (words, *(getattr(one, key) for one in found))
-            for words, key in (
-                ("peak sensitivity", "peak_sensitivity"),
-                ("gain margin, factor", "gain_up"),
-                ("phase margin, degrees", "phase_deg"),
-                ("highest crossover, Hz", "crossover_Hz"),
-            )
-        ]
+        found = [worst([getattr(at, how) for at in self.masses]) for how in ("continuous", "at_once", "late")]
+        words = "peak sensitivity", "gain margin, factor", "phase margin, degrees", "highest crossover, Hz"
+        return list(zip(words, *map(astuple, found), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign code` writes of it."""
@@ -279,9 +272,6 @@ class ProvedCode(Result):
         """
         texts = c_files(self.realisation, self.prototype.name, self.notes())
         return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
-
-
-_PUT_OUT = ("continuous", "at_once", "late")
 
 
 @takes("Prototype")

@@ -324,11 +324,9 @@ class DifferenceEquation:
     def lines(self) -> list[str]:
         """The statements of one period, in the order in which they are carried out."""
         written = _Lines()
-        one_period(self.asked.channels, [_LETTERS.get(c.name, c.name) for c in self.asked.channels], written)
+        names = (channel.name for channel in self.asked.channels)
+        one_period(self.asked.channels, ["e" if name == "error" else name for name in names], written)
         return written.statements
-
-
-_LETTERS = {"error": "e"}
 
 
 class _Lines(Arithmetic[str]):

@@ -151,9 +151,6 @@ def highest_Hz(factors: Sequence[Factor]) -> float:
     return max((abs(root) / (2 * pi) for factor in factors for group in factor for root in group), default=0.0)
 
 
-_PER_CROSSOVER = 40.0
-
-
 def upper_break_Hz(controller: Controller) -> float:
     """The highest natural frequency of its poles and zeros, from any of its readings.
 
@@ -165,7 +162,7 @@ def upper_break_Hz(controller: Controller) -> float:
 
 def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:
     """The least rate of 1, 2 or 5 times a power of ten that is 40 times the crossover and ten times the upper break."""
-    least = max(_PER_CROSSOVER * crossover_Hz, 10 * upper_break_Hz, 1000.0)
+    least = max(40 * crossover_Hz, 10 * upper_break_Hz, 1000.0)
     return next(rate for k in count() for step in (1, 2, 5) if (rate := step * 10.0**k) >= least)
 
 

@@ -247,12 +247,6 @@ class Dataset(Result):
         return prototype.but(controller=stated.controller, tolerance=stated.tolerance)
 
 
-_ON_AXIS = (
-    "the payload counts as on the axis: [arm] states an offset, but not by `plane` in which of its planes the records"
-    " were taken"
-)
-
-
 class _Gained(Record):
     """A controller with the critical gain put in."""
 
@@ -275,7 +269,10 @@ def read_dataset(folder: str | Path) -> Dataset:
     if wrong := wrong_effects(prototype):
         raise InputError(path.parent / entry.prototype, wrong)
     if not lever_figures(prototype) and any(arm_of(prototype).offset_m):
-        warnings.append(_ON_AXIS)
+        warnings.append(
+            "the payload counts as on the axis: [arm] states an offset, but not by `plane` in which of its planes the"
+            " records were taken"
+        )
     stated, prototype = prototype, in_plane(prototype)
     rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
     lawless = [(kind, row.file) for kind, row in rows if row.law is None and prototype.controller is None]

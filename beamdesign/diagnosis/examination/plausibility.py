@@ -77,12 +77,6 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
             raise InputError(response.source or response.name, problems)
 
 
-def _nominal(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
-    with np.errstate(over="raise", invalid="raise", divide="raise"):
-        loop = nominal_loop(prototype, response)
-    return loop.responses(frequencies)[:, 1, response.driven_by] if loop.stable else None
-
-
 def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem]:
     frequencies = response.frequencies_Hz
     if heavy := too_heavy((response.outer_end_mass, response.inner_end_mass), prototype):
@@ -93,10 +87,11 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     inside = (frequencies >= low) & (frequencies <= high)
     if inside.sum() < _FEWEST:
         return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {low:g} and {high:g} Hz")]
-    nominal = _nominal(response, prototype, frequencies)
-    slower = _nominal(response, prototype, frequencies / (2 * pi))
-    if nominal is None or slower is None:
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        loop = nominal_loop(prototype, response)
+    if not loop.stable:
         return []
+    nominal, slower = (loop.responses(at)[:, 1, response.driven_by] for at in (frequencies, frequencies / (2 * pi)))
     measured = np.abs(response.response)
     level, shape = _level_and_shape(measured, nominal)
     if abs(level) > _FAR:

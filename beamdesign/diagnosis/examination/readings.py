@@ -15,15 +15,8 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import INPUTS, MEASURED, TimeRecord
-from beamdesign.diagnosis.examination.nominal import (
-    ControllerFit,
-    commanded_current,
-    described,
-    expected,
-    line_left,
-    missed_by,
-    refitted,
-)
+from beamdesign.diagnosis.examination import nominal
+from beamdesign.diagnosis.examination.nominal import ControllerFit
 from beamdesign.diagnosis.examination.sound_records import Caution, rms
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
@@ -136,13 +129,13 @@ def _likeness(measured: np.ndarray, predicted: np.ndarray) -> _Likeness:
 
 
 def _equation(view: View) -> _Likeness:
-    asked = commanded_current(view.record, view.record.controller, view.prototype.sensor.gain_V_per_m)
+    asked = nominal.commanded_current(view.record, view.record.controller, view.prototype.sensor.gain_V_per_m)
     # Where the equation cannot be held against the record, nothing speaks against either.
     return _Likeness(0.0, 1.0) if asked is None else _likeness(view.record.measured["current_A"], asked)
 
 
 def _loop(view: View) -> tuple[_Likeness, ...] | None:
-    if (shares := expected(view.record, view.prototype)) is None:
+    if (shares := nominal.expected(view.record, view.prototype)) is None:
         return None
     seen = ((name, view.record.measured[name]) for name in reversed(MEASURED) if name in view.record.measured)
     return tuple(_likeness(values, shares[name].sum(axis=1)) for name, values in seen)
@@ -157,7 +150,7 @@ def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
 def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
     """Units in which the further columns of a record are, where not in their own, and signs that are not theirs."""
     more = [name for name in _UNITS if name not in COLUMNS and name in record.measured]
-    shares = expected(record, prototype) if more else None
+    shares = nominal.expected(record, prototype) if more else None
     found: list[Reading] = []
     if shares is None:
         return ()
@@ -333,14 +326,14 @@ def _verdict(
 
     def obeys(other: Controller, words: str, residual: float) -> Caution:
         return contradicts(
-            f" ({described(record.controller)}), which misses the current by {fit.residual:.0%} of its rms;"
-            f" {words} ({described(other)}) misses it by {residual:.1%}: correct dataset.toml"
+            f" ({nominal.described(record.controller)}), which misses the current by {fit.residual:.0%} of its rms;"
+            f" {words} ({nominal.described(other)}) misses it by {residual:.1%}: correct dataset.toml"
         )
 
     laws = () if prototype.controller is None else prototype.controller.laws
     others = {law: "that of the prototype" for law, _ in laws}
     others |= {other.controller: f"that of record {other.name}" for other in reversed(records)}
-    left = {law: missed_by(record, law, gain) for law in others if law != record.controller}
+    left = {law: nominal.missed_by(record, law, gain) for law in others if law != record.controller}
     nearest = min(left, key=lambda law: left[law], default=record.controller)
     if left.get(nearest, inf) < min(enough, DISOBEDIENT, fit.with_limit):
         return obeys(nearest, others[nearest], left[nearest])
@@ -354,8 +347,8 @@ def _verdict(
         return Caution("amplifier_gain", record.name, words, limits_confidence=True)
     times = (fit.with_delay, fit.delay_s), (fit.with_lag, fit.lag_s)
     late = min((left for left, time in times if abs(time) > _SHORTEST * record.step), default=inf)
-    best = refitted(record, gain)
-    if (best_left := missed_by(record, best, gain)) < min(enough, 0.5 * late):
+    best = nominal.refitted(record, gain)
+    if (best_left := nominal.missed_by(record, best, gain)) < min(enough, 0.5 * late):
         return obeys(best, "the one that fits best", best_left)
     if late < 0.5 * fit.residual:
         return _late(record, fit)
@@ -363,7 +356,7 @@ def _verdict(
     text = f"{fit.residual:.0%} of the current's rms is not {made}"
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
-    line = line_left(record, gain)
+    line = nominal.line_left(record, gain)
     text += (
         f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
     )

@@ -123,9 +123,8 @@ def bridged(record: TimeRecord) -> tuple[TimeRecord, list[Caution]]:
             measured[name][k] -= float(_BLIP @ measured[name][k - 2 : k + 3]) / float(_BLIP.max())
         own = own[record.counted[own] > 0]  # of spans that do not count nothing is to be said
         if len(own):
-            text = (
-                f"{name} has {len(own)} single samples that are spoilt, first at {record.times[own[0]]:.4g} s: bridged"
-            )
+            first = f"first at {record.times[own[0]]:.4g} s"
+            text = f"{name} has {len(own)} single samples that are spoilt, {first}: bridged"
             found.append(Caution("spoilt", record.name, text, limits_confidence=len(own) > _OFTEN * len(record.times)))
     return replace(record, measured=measured), found
 

@@ -13,7 +13,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.fit import Evidence, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
 from beamdesign.diagnosis.fitting.weighting import (
@@ -210,10 +210,12 @@ class InjectedRecord(RecordEvidence):
             return None
         slopes = np.zeros((len(here), len(z)))
         for k, unknown in enumerate(placement.unknowns):
-            ends = []
-            for step in _secant(unknown, float(z[k]), self.secant):
+            ends, step = [], self.secant
+            if unknown.name.endswith(".play_m"):  # of a play that is small against its prior, by a share
+                step *= min(1.0, 2 * _SHARE * unknown.value(float(z[k])) / unknown.spread)
+            for by in (step, -step):
                 moved = z.copy()
-                moved[k] = np.clip(z[k] + step, *unknown.bounds)
+                moved[k] = np.clip(z[k] + by, *unknown.bounds)
                 there = self.residual(placement, moved) if moved[k] != z[k] else None
                 ends.append((z[k], here) if there is None else (moved[k], there))
             if ends[0][0] != ends[1][0]:
@@ -224,13 +226,6 @@ class InjectedRecord(RecordEvidence):
         """The record with what a model cannot predict of it counted as noise; None where the model's loop diverges."""
         power = spread(self, placement, z)
         return None if power is None else replace(self, weight=blurred(self.taken.weight, power))
-
-
-def _secant(unknown: Unknown, z: float, step: float) -> tuple[float, float]:
-    """Steps to either side, in prior standard deviations; of a play that is small against its prior, by a share."""
-    if unknown.name.endswith(".play_m"):
-        step = step * min(1.0, 2 * _SHARE * unknown.value(z) / unknown.spread)
-    return step, -step
 
 
 def with_output_injection(taken: RecordEvidence) -> InjectedRecord:

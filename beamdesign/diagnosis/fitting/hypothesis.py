@@ -158,13 +158,6 @@ def left_as_known(prototype: Prototype, hypothesis: "Hypothesis") -> tuple[str, 
     return tuple(name for name in known_effects(prototype) if cause(name) not in own)
 
 
-def structure(prototype: Prototype, hypothesis: "Hypothesis") -> Structure:
-    """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
-    law, filtered = _some_law(prototype).equations, prototype.sensor.filter_Hz is not None
-    effects = sorted({*hypothesis.effects, *left_as_known(prototype, hypothesis)})
-    return Structure(law, filtered, tuple(effects), prototype.rig, off_axis=off_axis(prototype))
-
-
 @dataclass(frozen=True)
 class Placement:
     """How unknowns enter the parameters of an assembly.
@@ -295,8 +288,11 @@ class Hypothesis:
         return tolerated(prototype, self.figures) + of_effects(self.effects, prototype)
 
     def placement(self, prototype: Prototype) -> Placement:
-        """How its unknowns enter the equations."""
-        return place(structure(prototype, self), self.unknowns(prototype))
+        """How its unknowns enter the equations, in which a law of the prototype's own acts: see `Placement.under`."""
+        law, filtered = _some_law(prototype).equations, prototype.sensor.filter_Hz is not None
+        effects = sorted({*self.effects, *left_as_known(prototype, self)})
+        kinds = Structure(law, filtered, tuple(effects), prototype.rig, off_axis=off_axis(prototype))
+        return place(kinds, self.unknowns(prototype))
 
 
 NOTHING = Hypothesis()

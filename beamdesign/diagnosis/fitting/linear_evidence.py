@@ -175,8 +175,7 @@ class LinearEvidence(Evidence):
             rig = self.prototype.but(controller=taken.controller, effects=tables)
             base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
             kept = tuple(name for name in kinds.effects if cause(name) not in LEFT_BEHIND)
-            assembly = assemble(replace(kinds, effects=kept))
-            self._models[key] = LinearModel(placement, base, assembly, taken.load_N)
+            self._models[key] = LinearModel(placement, base, assemble(replace(kinds, effects=kept)), taken.load_N)
         return self._models[key]
 
 

@@ -52,8 +52,7 @@ class Replay:
         if effects not in self._nominal:
             tables = {name: self.prototype.effects.get(name, {}) for name in effects}
             rig = self.prototype.but(controller=self.record.controller, effects=tables)
-            figures = parameters_of(rig, *self.record.masses)
-            self._nominal[effects] = np.array(list(figures.values()))
+            self._nominal[effects] = np.array(list(parameters_of(rig, *self.record.masses).values()))
         return self.placed(placement).parameters(self._nominal[effects], z)
 
     def simulated(self, placement: Placement, z: np.ndarray, channels: tuple[str, ...]) -> np.ndarray | None:
@@ -284,8 +283,7 @@ def depends_on_size(kinds: Structure) -> bool:
     """
     if law_of_play(kinds.effects):
         return False
-    function = assemble(kinds).function
-    return any(function.which_depends("x", ["rate", "y"], 2))
+    return any(assemble(kinds).function.which_depends("x", ["rate", "y"], 2))
 
 
 @dataclass(frozen=True)

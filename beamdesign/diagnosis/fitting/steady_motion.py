@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from math import exp
 from typing import Any, NamedTuple
@@ -117,8 +117,6 @@ def _like_later_half(values: np.ndarray) -> np.ndarray:
 _ROUNDS = 30
 _SETTLED = 1e-6  # relative: Newton's next step would be of its square
 _LEAST_A = 1e-9  # of a valve that is just not shut
-
-
 _FRICTIONLESS = (("coulomb_N", 0.0), ("viscous_N_s_per_m", 0.0), ("breakaway_ratio", 1.0), ("stribeck_m_per_s", 1.0))
 
 
@@ -157,7 +155,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
 
 
-def _balance(orifices, given):  # type: ignore[no-untyped-def]
+@partial(as_machine_code, error_model="numpy")
+def _balanced(orifices, given):  # type: ignore[no-untyped-def]
     """Where forces balance: (3, n) speeds without their sign, pressures of the side that fills and of the other one.
 
     Args:
@@ -213,9 +212,6 @@ def _balance(orifices, given):  # type: ignore[no-untyped-def]
         if settled:
             break
     return found
-
-
-_balanced = as_machine_code(_balance, error_model="numpy")
 
 
 def stalled(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -65,13 +65,9 @@ def about_equations(laws: Sequence[Explanation]) -> Vote:
     total = sum(cubes.values())
     best = max(shares.values(), default=0.0)
     votes = {name: best * value / total for name, value in cubes.items()} if total > 0 else {}
-    text = (
-        f"Laws of the {lead.subsystem} explain {lead.share:.0%} of the gap in held-out conditions"
-        + (f" ({', '.join(lead.terms)})" if lead.terms else "")
-        + "; next "
-        + ", ".join(f"{e.subsystem} {max(e.share, 0.0):.0%}" for e in laws[1:3])
-        + "."
-    )
+    by = f" ({', '.join(lead.terms)})" if lead.terms else ""
+    rest = ", ".join(f"{e.subsystem} {max(e.share, 0.0):.0%}" for e in laws[1:3])
+    text = f"Laws of the {lead.subsystem} explain {lead.share:.0%} of the gap in held-out conditions{by}; next {rest}."
     table = {name: tuple(getattr(e, name) for e in laws) for name in ("subsystem", "share")}
     table["terms"] = tuple(", ".join(e.terms) for e in laws)
     return vote(_LAWS, votes, text, table)
@@ -266,11 +262,8 @@ def setting(found: Sequence[Residual]) -> Where:
     text += f"it differs by {asymmetry:.0%} between the two directions. "
     text += "Figures by record and band are the misfit as fits weigh it, a sum of squares, noise included."
     indicator = Indicator("bands and conditions", "", 0.0, text, table)
-    if slowness > _DRIFT:
-        kind = "drifting"
-    else:
-        kind = "" if isnan(distortion) else "static" if distortion > _BENT else "linear"
-    return Where("", band, condition, kind, (indicator,))
+    bent = "" if isnan(distortion) else "static" if distortion > _BENT else "linear"
+    return Where("", band, condition, "drifting" if slowness > _DRIFT else bent, (indicator,))
 
 
 def words_of(item: Residual) -> str:

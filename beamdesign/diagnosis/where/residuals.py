@@ -105,10 +105,6 @@ class Probe:
             total += self.response[:, rows, 2 + self.at.probed.index(port)] * (s**order)[:, None]
         return total
 
-    def driven(self, inputs: np.ndarray) -> np.ndarray:
-        """(F, S) spectra of all signals under the inputs (N, 2) of a record."""
-        return np.einsum("fsi,fi->fs", self.response[:, :, :2], self.spectrum(inputs))
-
     def spectrum(self, signals: np.ndarray) -> np.ndarray:
         """Spectra of (N, ...) signals padded with zeros to twice their length or more."""
         return np.fft.rfft(signals, padded(2 * self.count), axis=0)
@@ -164,7 +160,7 @@ def _signal(name: str, port: Signals, figure: Signals, state: Signals) -> Any:
 
 
 _DOUBT = 0.3
-_LEAST_NOISE = 1e-6
+_LEAST_NOISE = 1e-6  # of what a channel holds
 _HALF_BAND = 2 ** (1 / 4)
 
 
@@ -186,12 +182,6 @@ class Residual:
     left: np.ndarray = field(repr=False)
     slopes: np.ndarray = field(repr=False)
 
-    @property
-    def noise(self) -> np.ndarray:
-        """(C,) white noise of the channels, at least a millionth of what they hold."""
-        rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
-        return np.asarray(np.maximum(self.evidence.weight.noise_std, _LEAST_NOISE * rms + 1e-30))
-
     def smoothed(self) -> dict[str, np.ndarray]:
         """(N,) local variables, most probable after the record: every equation may lack something, alike for its size.
 
@@ -201,7 +191,8 @@ class Residual:
         """
         weight, probed, nominal = self.evidence.weight, self.probe, self._driven
         spectra = probed.spectrum(self.left * weight.fade[:, None])
-        noise = self.noise**2 * len(self.left)
+        rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
+        noise = np.maximum(weight.noise_std, _LEAST_NOISE * rms + 1e-30) ** 2 * len(self.left)
         gain = np.zeros((len(nominal), len(probed.at.signals), len(self.channels)), dtype=complex)
         spread = np.zeros((len(nominal), len(self.channels), len(self.channels)), dtype=complex)
         spread[:, range(len(noise)), range(len(noise))] = noise
@@ -222,7 +213,9 @@ class Residual:
 
     @cached_property
     def _driven(self) -> np.ndarray:
-        return self.probe.driven(self.evidence.record.inputs)
+        """(F, S) spectra of all signals under the inputs of the record."""
+        spectra = self.probe.spectrum(self.evidence.record.inputs)
+        return np.asarray(np.einsum("fsi,fi->fs", self.probe.response[:, :, :2], spectra))
 
     def _signals(self, spectra: np.ndarray) -> dict[str, np.ndarray]:
         probed = self.probe
