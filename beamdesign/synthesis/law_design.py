@@ -262,8 +262,9 @@ def over_box(task: Search, design: Design) -> BoxTask:
     """A design as what is to hold over the whole box."""
     assert task.spread is not None
     rig = task.prototype_with(design.chosen, rounded=True)
+    whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
     built = rig.with_law(design.law, task.masses_kg, design.inner_end_mass).but(goal=calmer(task.goal))
-    return BoxTask(built, task.spread, task.masses_kg)
+    return BoxTask(built, task.spread, task.masses_kg, whole)
 
 
 def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tuple[str, float, Cut]]:

@@ -314,7 +314,7 @@ class LawRefinement:
             rest = ca.MX(sized.structure(inner, chosen))
             if sized.needed_Hz is not None:
                 missing = self._aimed - beta
-                objective = sized.moving_mass(inner, chosen) / sized.problem.mass_unit_kg
+                objective = sized.moving_mass(inner, chosen) / sized.mass_unit_kg
                 objective += MASS_PER_MISSING_BANDWIDTH * missing
         program, derivatives = sampled_program(
             variables, ca.vertcat(*map(ca.vec, data), inside, stiffer, apart), objective,

@@ -176,21 +176,22 @@ class BoxTask:
         prototype: with its controller; its goal sets the limits.
         spread: how far its figures may be off.
         masses_kg: payloads over which it is to perform.
+        stable_kg: those over which it is to be stable.
     """
 
     prototype: Prototype
     spread: RigSpread
     masses_kg: tuple[float, float]
+    stable_kg: tuple[float, float]
 
     @cached_property
     def box(self) -> Box:
         """Of tolerances and of payloads over which it is to be stable, with those over which it is to perform."""
-        stable_kg = self.masses_kg if self.spread.stage is None else self.spread.stage[1]
         whole, own = (
             tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
-            for masses_kg in (stable_kg, self.masses_kg)
+            for masses_kg in (self.stable_kg, self.masses_kg)
         )
-        if self.masses_kg == stable_kg:
+        if self.masses_kg == self.stable_kg:
             return whole
         low, high = map(exact, self.masses_kg)
         return replace(whole, performing={"outer_end_mass": own.ranges.get("outer_end_mass", (low, high))})

@@ -105,7 +105,7 @@ class Sections:
     def structure(self, inner: Any, chosen: Any) -> Any:
         """Slacks that must not be negative with a mass inside (kg), in symbols or numbers."""
         constraints, mass = self._parts(chosen)
-        most, unit = self.largest_mass_kg, self.problem.mass_unit_kg
+        most, unit = self.largest_mass_kg, self.mass_unit_kg
         spare = [] if most is None else [(most - _ROUNDED_MASS * unit - mass - inner) / unit]
         return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if self.free else ca.DM(0, 1)
 
@@ -113,28 +113,8 @@ class Sections:
         """Mass inside and of both beams, kg, in symbols or numbers."""
         return self._parts(chosen)[1] + inner
 
-    def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
-        """Worth of sections with a mass inside (kg) and the bandwidth they reach: that, or one over the moving mass."""
-        if self.needed_Hz is None:
-            return bandwidth_Hz
-        missing = max(0.0, log(self.needed_Hz / bandwidth_Hz)) if bandwidth_Hz > 0 else inf
-        penalty = MASS_PER_MISSING_BANDWIDTH * self.problem.mass_unit_kg * missing
-        return 1 / (float(self.moving_mass(inner, chosen)) + penalty)
-
-    def hopeless(self, inner: float, chosen: np.ndarray, value: float) -> str:
-        """Why nothing near a sampled design of a value is worth proving; empty where something may be."""
-        if self.needed_Hz is None or value <= 0:
-            return ""
-        beyond_kg = 1 / value - float(self.moving_mass(inner, chosen))
-        missing = beyond_kg / (MASS_PER_MISSING_BANDWIDTH * self.problem.mass_unit_kg)
-        if missing < log(2):
-            return ""
-        return f"reaches {self.needed_Hz * exp(-missing):.3g} Hz on samples, {self.needed_Hz:.4g} Hz are needed"
-
-    def refused(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> str:
-        """Why a proved loop is no answer, with its sections rounded and a mass inside (kg); empty where it is one."""
-        if self.needed_Hz is not None and bandwidth_Hz < self.needed_Hz:
-            return f"guarantees {stated_bandwidth(bandwidth_Hz)}, {self.needed_Hz:g} Hz are needed"
+    def flaw(self, inner: float, chosen: np.ndarray) -> str:
+        """Why the rounded sections may not be built with a mass inside (kg); empty where they may."""
         if not self.free:
             return ""
         mass, most = section_mass(self.problem, chosen) + inner, self.largest_mass_kg
@@ -142,6 +122,34 @@ class Sections:
             return f"moves {mass:.6g} kg, more than {most:.6g} kg"
         missed = check_sections(self.problem, *tubes(self.problem, chosen, rounded=True)).failing
         return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
+
+    @property
+    def mass_unit_kg(self) -> float:
+        """What masses count in that are made small, kg."""
+        return self.problem.mass_unit_kg
+
+    def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
+        """Worth of sections with a mass inside (kg) and the bandwidth they reach: that, or one over the moving mass."""
+        if self.needed_Hz is None:
+            return bandwidth_Hz
+        missing = max(0.0, log(self.needed_Hz / bandwidth_Hz)) if bandwidth_Hz > 0 else inf
+        return 1 / (float(self.moving_mass(inner, chosen)) + MASS_PER_MISSING_BANDWIDTH * self.mass_unit_kg * missing)
+
+    def hopeless(self, inner: float, chosen: np.ndarray, value: float) -> str:
+        """Why nothing near a sampled design of a value is worth proving; empty where something may be."""
+        if self.needed_Hz is None or value <= 0:
+            return ""
+        beyond_kg = 1 / value - float(self.moving_mass(inner, chosen))
+        missing = beyond_kg / (MASS_PER_MISSING_BANDWIDTH * self.mass_unit_kg)
+        if missing < log(2):
+            return ""
+        return f"reaches {self.needed_Hz * exp(-missing):.3g} Hz on samples, {self.needed_Hz:.4g} Hz are needed"
+
+    def refused(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> str:
+        """Why a proved loop is no answer; empty where it is one."""
+        if self.needed_Hz is not None and bandwidth_Hz < self.needed_Hz:
+            return f"guarantees {stated_bandwidth(bandwidth_Hz)}, {self.needed_Hz:g} Hz are needed"
+        return self.flaw(inner, chosen)
 
 
 def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
