@@ -434,3 +434,35 @@ def test_a_fit_is_the_least_of_cost_with_few_derivatives(start):
     residual, rows = piece.linearised(wide, found.z)
     np.testing.assert_allclose(found.shares[0].a, rows.T @ rows, rtol=0.2, atol=0.2)
     np.testing.assert_allclose(found.shares[0].g, rows.T @ residual, atol=0.1)
+
+
+@dataclass
+class Endless(Fitted):
+    """Less is left the further it goes, for ever, and slopes promise it rightly."""
+
+    looked: int = 0
+
+    def residual(self, placement, z):
+        self.looked += 1
+        return 1e4 * np.exp(-z / 100)
+
+    def linearised(self, placement, z):
+        return 1e4 * np.exp(-z / 100), np.diag(-1e2 * np.exp(-z / 100))
+
+
+def test_a_slope_that_never_ends_is_left_after_so_many_steps():
+    """Where each step kept its promise, figures went to where no rig is, and models to thousands of steps a sample."""
+    wide, piece = SimpleNamespace(unknowns=(SimpleNamespace(bounds=(-1e3, 1e3)),)), Endless()
+    found = fit(NOTHING, wide, [piece], np.zeros(1), 5)
+    assert piece.looked <= 2 * 5
+    assert 10 < found.z[0] <= 2 * 2 * 5
+
+
+def test_inputs_of_many_steps_are_kept_one_at_a_time(lagged):
+    """A law that grew stiff kept gigabytes of one record."""
+    job = record_evidence(lagged)[0].job
+    for steps in (1, 2, 400, 500, 600):
+        assert len(job._driven(steps)) == 2 * steps * (len(job.record.times) - 1) + 1
+    assert [*job._inputs] == [600]
+    job._driven(2)
+    assert [*job._inputs] == [600, 2]

@@ -24,6 +24,7 @@ _SETTLED = 2e-4  # relative fall of the cost at which a fit has settled
 _FURTHEST = 2.0  # in z, per iteration
 _ASTRAY = 0.3  # of the fall that slopes promise: where it is off by more, they are others
 _LITTLE = 1.0  # of the cost, so one standard deviation: no further than this from where they were worked out
+_STEPS = 2  # for each working out of derivatives: on a slope that never ends figures would go beyond all rigs
 _HUGE = 1e9
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 
@@ -184,8 +185,8 @@ def fit(
     nowhere = _Point(np.clip(start, low, high))
     if (here := nowhere.anew(evidence, placement)) is None:
         return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable where the fit begins")
-    damping = 1e-3
-    while here.worked_out <= iterations and damping <= _MOST_DAMPING:
+    damping, steps = 1e-3, 0
+    while here.worked_out <= iterations and steps < _STEPS * iterations and damping <= _MOST_DAMPING:
         trial, promised = here.step(damping, low, high)
         found = residuals_at(evidence, placement, trial, here.cost) if np.any(trial != here.z) else None
         if found is None:
@@ -196,7 +197,7 @@ def fit(
             else:
                 break
             continue
-        damping = max(damping / 10, _LEAST_DAMPING)
+        damping, steps = max(damping / 10, _LEAST_DAMPING), steps + 1
         before, here = here, here.moved(evidence, trial, found)
         fall = before.cost - here.cost
         settled = fall < _SETTLED * before.cost

@@ -138,6 +138,8 @@ class Replay:
     def _driven(self, substeps: int) -> np.ndarray:
         """(2 substeps (N - 1) + 1, m) the record's inputs at every half step."""
         if substeps not in self._inputs:
+            if substeps * len(self.record.times) > _LARGE:  # one at a time: a stiff law may want thousands of steps
+                self._inputs.clear()
             self._inputs[substeps] = measured_half_steps(self.record.inputs, self.record.step, substeps)
         return self._inputs[substeps]
 
@@ -158,6 +160,7 @@ class Replay:
         return steps if len(before) else count
 
 
+_LARGE = 1 << 17  # steps of a record, 4 MB of inputs
 _STEEP = {"pressure_dependent_flow"}
 """Effects whose flow changes ever faster with the pressure where that nears the supply's or the tank's."""
 _DOUBLINGS, _ALIKE = 3, 1e-3
