@@ -31,10 +31,10 @@ from beamdesign.diagnosis.examination.plausibility import check_gains, examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
+from beamdesign.diagnosis.fitting.fit_cache import Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, singles
-from beamdesign.diagnosis.fitting.kept import Task
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of

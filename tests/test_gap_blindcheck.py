@@ -20,9 +20,9 @@ from gap_sets import believed, measured, only, scenario
 
 from beamdesign import InputError
 from beamdesign.code_digest import code_digest, folder_digest, sources
+from beamdesign.diagnosis.fitting.fit_cache import Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
-from beamdesign.diagnosis.fitting.kept import Task
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.validation import blindcheck, case_plan, scoring
 from beamdesign.validation.baselines import baselines, lasso, lasso_path

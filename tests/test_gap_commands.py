@@ -27,9 +27,9 @@ from beamdesign.cli.command import resumed
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import digest, fit_cache
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.diagnosis.fitting.kept import digest, fit_cache
 from beamdesign.progress import end_at_once, remembered, undisguised
 from beamdesign.prototype import Tolerance
 

@@ -14,6 +14,7 @@ from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Fitted, Share, fit
+from beamdesign.diagnosis.fitting.fit_cache import fit_cache
 from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
@@ -25,7 +26,6 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     together,
     tolerated,
 )
-from beamdesign.diagnosis.fitting.kept import fit_cache
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.fitting.starts import starts

@@ -17,8 +17,8 @@ from beamdesign.diagnosis import misstated
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.diagnosis.fitting.kept import FitCache
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import Judgement
 from beamdesign.diagnosis.misstated import channels_in_time, in_time, late_channels

@@ -16,9 +16,9 @@ from beamdesign.columns import write_tables
 from beamdesign.controllers import Observer, Proportional
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.diagnosis.examination.plausibility import examine
+from beamdesign.diagnosis.fitting.fit_cache import fit_cache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, tolerated
-from beamdesign.diagnosis.fitting.kept import fit_cache
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.where.residuals import probe

@@ -37,8 +37,8 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnose import _beside
 from beamdesign.diagnosis.fitting import fitters
 from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.fit_cache import Task, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, singles
-from beamdesign.diagnosis.fitting.kept import Task, fit_cache
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.progress import silent
 from beamdesign.proofs.certificate import Asked

@@ -72,7 +72,7 @@ def diagnose(
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
     from beamdesign.diagnosis.diagnosis import controller_text
-    from beamdesign.diagnosis.fitting.kept import fit_cache
+    from beamdesign.diagnosis.fitting.fit_cache import fit_cache
     from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.report.gap_tables import terms_table

@@ -24,10 +24,10 @@ from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, Examination,
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache
 from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
-from beamdesign.diagnosis.fitting.kept import FitCache
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, held_out, sizes

@@ -15,9 +15,9 @@ from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
 from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, updated_prototype
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, notes_on_known, subsystem
-from beamdesign.diagnosis.fitting.kept import FitCache
 from beamdesign.diagnosis.fitting.replay import depends_on_size
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces

@@ -17,9 +17,9 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
-from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest
 from beamdesign.diagnosis.gap_metrics import errors
 from beamdesign.diagnosis.judgement import Judgement, evidence, held_out_score, judge, odds

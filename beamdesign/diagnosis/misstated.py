@@ -26,9 +26,9 @@ from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, FrequencyResponse
 from beamdesign.diagnosis.examination.sound_records import where_it_counts
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of
 from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, Fitted, fit, misfit_at
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown
-from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay
 from beamdesign.diagnosis.passing import Look

@@ -16,7 +16,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.kept import FitCache
+from beamdesign.diagnosis.fitting.fit_cache import FitCache
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.diagnosis.judgement import Judgement, judge

@@ -18,6 +18,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, record_evidence, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, fit, linearised, misfit_at
+from beamdesign.diagnosis.fitting.fit_cache import FitCache
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
     WRONG,
@@ -27,7 +28,6 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     singles,
     together,
 )
-from beamdesign.diagnosis.fitting.kept import FitCache
 from beamdesign.diagnosis.fitting.replay import PLAY, Replay, law_of_play
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts

@@ -16,9 +16,9 @@ from scipy.optimize import minimize_scalar
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
-from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.judgement import judge
@@ -184,7 +184,7 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
             cleared = {name: values - own.get(name, 0.0) for name, values in records[k].measured.items()}
             records[k] = replace(records[k], measured=cleared)
         in_loop = hearing > len(tone.having) / 2
-        heard = "; but the loop hears it, so that the rig moves by it, which no model here does" * in_loop
+        heard = "; but the loop hears it, so that the rig moves by it, which no model here does" if in_loop else ""
         words.append(f"{tone.sentence} It is taken off the records before they are weighed{heard}.")
         any_in_loop = any_in_loop or in_loop
     return replace(data, records=tuple(records)) if words else data, tuple(words), any_in_loop

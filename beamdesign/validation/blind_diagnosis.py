@@ -18,7 +18,7 @@ from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis, updated_prototype
-from beamdesign.diagnosis.fitting.kept import fit_cache
+from beamdesign.diagnosis.fitting.fit_cache import fit_cache
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict_record, read_inputs
 from beamdesign.files import write_whole

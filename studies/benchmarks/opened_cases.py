@@ -129,7 +129,7 @@ def unlike(one: Any, other: Any, name: str = "") -> str:
 def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
     """Judge a case once more by this program from the fits that the check keeps; nothing in its folder is changed."""
     from beamdesign.diagnosis.diagnose import diagnose
-    from beamdesign.diagnosis.fitting.kept import fit_cache
+    from beamdesign.diagnosis.fitting.fit_cache import fit_cache
 
     key = opened.planned.key
     data = read_dataset(opened.folder / "sets" / key)

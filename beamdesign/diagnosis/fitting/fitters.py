@@ -11,8 +11,8 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
-from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import laws

@@ -10,9 +10,9 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import unpredicted
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import RESONANT, Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
-from beamdesign.diagnosis.fitting.kept import FitCache, Task
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.progress import Progress, silent
