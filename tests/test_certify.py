@@ -49,7 +49,7 @@ def test_the_remedy_is_unstable_with_no_payload(remedy: Prototype):
     assert [part.stable for part in found.ranges] == [False, True, False]
     assert found.stable_ranges == [(pytest.approx(1.968442, abs=1e-5), pytest.approx(17.792115, abs=1e-5))]
     assert [crossing.frequency_Hz for crossing in found.crossings] == pytest.approx([131.80, 26.02], abs=0.01)
-    assert found.reason == "unstable from 0 to 1.968442 kg, 17.79211 to 20 kg"
+    assert found.reason == "unstable from 0 to 1.968442 kg, 17.79212 to 20 kg"
 
 
 def test_ranges_agree_with_dense_poles_of_the_state_space(remedy: Prototype):

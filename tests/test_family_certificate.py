@@ -11,10 +11,11 @@ from forging import altered, resealed
 from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, certify, check, simulate, tune, write_prototype
+from beamdesign import Prototype, certify, check, simulate, specify, tune, write_prototype
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
+from beamdesign.diagnosis.redesign import terms
 from beamdesign.loop import close_loop, rig_loop
 from beamdesign.plant.effects import causes, library
 from beamdesign.plant.members import family
@@ -25,7 +26,7 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.rig_family import rig_family
-from beamdesign.proofs.tolerance_box import between, in_words, tolerance_box
+from beamdesign.proofs.tolerance_box import between, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
@@ -129,7 +130,7 @@ def test_a_gain_between_stable_ends_is_looked_at(paper: Prototype):
     assert certify(low_inner, 18.0, 18.0).stable
     assert not at_one_mass.stable
     assert check(at_one_mass.text).valid
-    assert "not every loop is stable from 0 to 6.88869 kg" in found.stability.reason
+    assert "not every loop is stable from 0 to 6.888689 kg" in found.stability.reason
     for low, high in found.stable_ranges_kg:
         for mass in np.linspace(low, high, 9)[1:-1]:
             for factor in np.linspace(0.0, 1.0, 21):
@@ -298,13 +299,13 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
         "valve_hysteresis_spring",
     }
     assert check(verdict.certificate, prototype_table(rig)).valid
-    assert "stable at every value between" in in_words(verdict)
+    assert "stable at every value between" in certify(rig, 0.0, 6.8).between_words
     wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4))
     refuted = between(wild, 0.0, 6.8)
     assert refuted.stable is False
-    assert "not stable" in in_words(refuted)
+    assert "not stable" in refuted.reason
     assert between(with_effects(tame, "sensor_lag"), 0.0, 6.8) is None
-    assert in_words(None) == ""
+    assert certify(with_effects(tame, "sensor_lag"), 0.0, 6.8).between_words == ""
     for effects in ({"joint_backlash": {}}, {"mount_compliance": {}, "seal_friction": {}}):
         found = between(tame.but(effects=effects), 6.0, 6.8)
         assert found is not None
@@ -334,7 +335,14 @@ def test_certify_says_no_where_a_value_between_the_ends_is_refuted(tame: Prototy
         payload=tame.payload.but(inner_end_mass_kg=4.02),
         effects={"empirical_inner_reaction_loop": {"size_N": 10480.0}},
     )
-    assert certify(rig, 2.07, 2.07).holds
+    found = certify(rig, 2.07, 2.07)
+    assert (found.holds, found.yes, found.status) == (True, False, "no")
+    assert "between the ends" in found.reason
+    assert certify(rig, (2.07, 2.07), linear=True).yes
+    specified = specify(rig, (2.07, 2.07))
+    assert specified.guaranteed is None
+    assert "between the ends" in specified.reason
+    assert "between the ends" in terms(rig.but(payload=rig.payload.but(outer_end_mass_kg=(2.07, 2.07)))).open_between
     write_prototype(rig, tmp_path / "p.toml")
     words = ["certify", str(tmp_path / "p.toml"), "--outer-end-mass", "2.07:2.07", "--json", str(tmp_path / "c.json")]
     words += ["--out", str(tmp_path / "c.toml")]

@@ -19,7 +19,7 @@ from beamdesign.build.specification import specification_of
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
-from beamdesign.proofs import tolerance_box
+from beamdesign.proofs import certifying
 from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.lmi import Course
@@ -105,14 +105,14 @@ def test_a_tuned_prototype_that_is_undecided_between_frozen_values_is_no_yes(
     assert "linear members only; of small motion no stability (joint_backlash)" in str(fields["holds_for"])
     assert [one["effect"] for one in fields["near_rest"]] == ["joint_backlash"]  # type: ignore[attr-defined]
 
-    decided = tolerance_box.between
+    decided = certifying.between
 
     def undecided(*given: object) -> BoxVerdict:
         found = decided(*given)  # type: ignore[arg-type]
         assert found is not None
         return replace(found, stable=None, reason="left open")
 
-    monkeypatch.setattr(tolerance_box, "between", undecided)
+    monkeypatch.setattr(certifying, "between", undecided)
     status, fields = tuned()
     assert (status, fields["stable_between"]) == (1, None)
 

@@ -90,11 +90,13 @@ def document_of(spec: Specification, svg: str = "") -> Document:
         return Document(spec.prototype.name, kind, verdict, found, (Part("What to do", (again,)),))
     reached, masses_kg = spec.guaranteed, masses_text(spec.masses_kg)
     assert reached is not None
+    open_between = "; ".join(filter(None, (law.certificate.open_between for law in spec.laws)))
     verdict = (
         f"{holds_for(spec.prototype).capitalize()}: with every mass of {masses_kg} on its outer tip the rig is proved"
         f" stable, {compliance_kept(spec.prototype.goal.compliance_m_per_N, reached.bandwidth_Hz)} and"
         f" keeps its peak sensitivity at {stated_peak(reached.peak_sensitivity)} or below, by the linear model"
         f"{', while the law acts that is for that mass' if spec.prototype.schedule else ''}."
+        f"{f' Not proved: {open_between}.' if open_between else ''}"
     )
     stated, wider = spec.prototype.guarantee, []
     if stated is not None and stated.sigmas:

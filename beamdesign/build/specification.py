@@ -136,6 +136,7 @@ class Specification(Result):
             ("guaranteed bandwidth", stated_bandwidth(guaranteed.bandwidth_Hz), "proved"),
             ("guaranteed peak sensitivity", stated_peak(guaranteed.peak_sensitivity), "proved"),
             ("proved", holds_for(self.prototype), ""),
+            *(("not proved", law.certificate.open_between, "") for law in self.laws if law.certificate.open_between),
         ]
         for law in self.laws:
             name = f"stage {law.stage.number}: " if law.stage.number else ""
@@ -205,7 +206,8 @@ def specify(
     load, words = reference_load(prototype, masses_kg, load_N)
     found = Specification(prototype, masses_kg, load, words, laws)
     for one in laws:
-        if one.certificate.guaranteed is None:
+        inside = one.certificate.between
+        if one.certificate.guaranteed is None or (inside is not None and inside.stable is False):
             low, high = one.stage.outer_end_mass_kg
             reason = f"not certifiable from {low:g} to {high:g} kg: {one.certificate.reason}"
             return replace(found, reason=reason)

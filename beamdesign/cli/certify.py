@@ -1,7 +1,6 @@
 """`beamdesign certify` and `certify-box`: proofs over payloads and tolerances, and how they are printed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -98,41 +97,20 @@ def certify(
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(out, prototype, "certificate", stage.suffix)
-        certificate = beamdesign.certify(rig, *stage.outer_end_mass_kg, asked, nonlinear)
-        if linear:
-            certificate = replace(certificate, small_motion="")
+        certificate = beamdesign.certify(rig, stage.outer_end_mass_kg, None, asked, nonlinear, linear)
         _echo(rig, certificate)
         write_certificate(path, certificate.text)
-        between, not_proved = _between(rig, certificate, path) if rig.effects else ({}, "")
-        fields = certificate.to_dict() | between
+        fields = certificate.to_dict()
+        if (inside := certificate.between) is not None and inside.certificate:
+            fields["certificate_between"] = path.with_suffix(".between.toml")
+            write_certificate(fields["certificate_between"], inside.certificate)
         fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear)}
         fields |= {"arm_left_aside": left_aside(rig), "certificate": path}
-        holds, reason = certificate.yes, certificate.small_motion
-        if not_proved and not linear:
-            holds, reason = False, reason or not_proved
-        if certificate.holds and not holds:
-            echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
-            fields |= {"reason": reason}
-        return fields, holds
+        if certificate.holds and not certificate.yes:
+            echo(f"{rig.name}: {certificate.reason}; --linear asks of linear members alone")
+        return fields, certificate.yes
 
     return by_stage(record, masses, proved)
-
-
-def _between(record: "Prototype", certificate: "Certificate", path: Path) -> tuple[dict[str, Any], str]:
-    """What is known between the members of a prototype with effects, and that it is not proved stable, in words.
-
-    Its certificate goes beside the other.
-    """
-    from beamdesign.proofs.tolerance_box import between, in_words
-
-    verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
-    if words := in_words(verdict):
-        echo(f"  {words}")
-    fields: dict[str, Any] = {"stable_between": verdict and verdict.stable}
-    if verdict is not None and verdict.certificate:
-        fields["certificate_between"] = path.with_suffix(".between.toml")
-        write_certificate(fields["certificate_between"], verdict.certificate)
-    return fields, "" if verdict is None or verdict.stable else words
 
 
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
@@ -161,6 +139,8 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     _echo_moving(certificate.nonlinear)
     echo(f"method: {certificate.method}")
     echo(*certificate.scope, before="  ")
+    if certificate.between is not None:
+        echo(f"  {certificate.between_words}")
     echo_aside(record)
 
 

@@ -109,7 +109,6 @@ def tune(
     """
     from beamdesign.problem import Tuned
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate
-    from beamdesign.proofs.tolerance_box import between, in_words
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import certificate_name, certified_laws
     from beamdesign.synthesis.tuning import limited, tunable
@@ -151,21 +150,20 @@ def tune(
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
-    for stage, law, (certificate, own) in zip(found.stages, found.each, each, strict=True):
+    for stage, law, (certificate, _) in zip(found.stages, found.each, each, strict=True):
         end = stage.suffix.replace(".", "_")
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
         fields, proved = _of_law(stage, law, certificate), True
         if law.best is not None and law.best.over_box is not None:
             texts[f"certificate_box{end}"] = (certificate_name(stage.suffix, box=True), law.best.over_box.certificate)
         if record.effects:
-            verdict = between(own, *stage.outer_end_mass_kg)
-            if words := in_words(verdict):
-                echo(f"  {words}")
-            if verdict is not None and verdict.certificate:
-                texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", verdict.certificate)
+            if (inside := certificate.between) is not None:
+                echo(f"  {certificate.between_words}")
+            if inside is not None and inside.certificate:
+                texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", inside.certificate)
             # over a box it is proved with the rest
-            proved = verdict is None or verdict.stable is True or (law.best is not None and law.best.sigmas > 0)
-            fields["stable_between"] = verdict and (proved or verdict.stable)
+            proved = not certificate.open_between or (law.best is not None and law.best.sigmas > 0)
+            fields["stable_between"] = inside and (proved or inside.stable)
         answers.append((fields, proved))
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:

@@ -13,6 +13,7 @@ from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
+from beamdesign.diagnosis.fitting.replay import FURTHEST_M
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import NO_CONTROLLER, OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate, measured_half_steps, refined
@@ -26,8 +27,6 @@ from beamdesign.structure.arm import in_plane
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
-FURTHEST_M = 0.5
-"""Displacement of the outer tip at which a loop has diverged."""
 
 
 @dataclass(frozen=True, repr=False)

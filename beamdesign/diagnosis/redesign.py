@@ -58,6 +58,7 @@ class Terms:
         scope: what of each effect is covered, in words.
         holds_for: of which rigs and which motion all of it is, in words; empty where there are no figures.
         reason: why there are no figures, in words; empty otherwise.
+        open_between: why the loop is not proved stable between the ends of what effects freeze; empty where it is.
     """
 
     stable_ranges_kg: tuple[tuple[float, float], ...] = ()
@@ -68,6 +69,7 @@ class Terms:
     scope: tuple[str, ...] = ()
     reason: str = ""
     holds_for: str = ""
+    open_between: str = ""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ def terms(prototype: Prototype) -> Terms:
     kept, ranges = certificate.guaranteed, tuple(certificate.stable_ranges_kg)
     bandwidth_Hz, peak = (kept.bandwidth_Hz, kept.peak_sensitivity) if kept else (None, None)
     given = ranges, certificate.stable, bandwidth_Hz, peak, tuple(critical), certificate.scope
-    return Terms(*given, holds_for=holds_for(prototype))
+    return Terms(*given, holds_for=holds_for(prototype), open_between=certificate.open_between)
 
 
 @dataclass(frozen=True)

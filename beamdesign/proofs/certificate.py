@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from flint import fmpq
 
@@ -13,6 +13,9 @@ from beamdesign.proofs.stability import StabilityMap
 from beamdesign.proofs.writer import Tables, maybe_infinite
 from beamdesign.prototype import Goal
 from beamdesign.result import Result, finite, picked
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.box import BoxVerdict
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -245,6 +248,8 @@ class Certificate(Decided):
         scope: for a prototype with effects, per effect what is covered and what is not, in words.
         nonlinear: where that was asked for, what is proved of effects while they move.
         small_motion: what is proved of linear members and not of small motion about rest, in words; empty where all is.
+        between: where all members are stable and effects freeze figures, whether the loop is at every value between.
+        linear: whether the answer was asked of linear members alone.
     """
 
     claims: tuple[Claim, ...]
@@ -253,6 +258,8 @@ class Certificate(Decided):
     scope: tuple[str, ...] = ()
     nonlinear: tuple[Row, ...] = ()
     small_motion: str = ""
+    between: "BoxVerdict | None" = None
+    linear: bool = False
 
     @property
     def holds(self) -> bool:
@@ -272,8 +279,25 @@ class Certificate(Decided):
 
     @property
     def yes(self) -> bool:
-        """Whether all that was asked holds, of small motion too."""
-        return self.holds and not self.small_motion
+        """Whether all that was asked holds: of small motion and between the ends of what effects freeze too."""
+        return self.holds and (self.linear or not (self.small_motion or self.open_between))
+
+    @property
+    def open_between(self) -> str:
+        """Why the loop is not proved stable between the ends of what effects freeze, in words; empty where it is."""
+        return "" if self.between is None or self.between.stable else self.between_words
+
+    @property
+    def between_words(self) -> str:
+        """What is known between the ends of the figures that effects freeze; empty where they freeze none."""
+        if self.between is None:
+            return ""
+        if self.between.stable:
+            return (
+                "stable at every value between the ends of the frozen figures too, all of them and the masses at once"
+            )
+        undecided = "stability is undecided: " if self.between.stable is None else ""
+        return f"between the ends of the frozen figures {undecided}{self.between.reason}"
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign certify` writes of it, without the text of the proof."""
@@ -284,6 +308,7 @@ class Certificate(Decided):
         fields = {
             **picked(self, "stable stable_ranges_kg method scope outer_end_mass_kg holds reason guaranteed"),
             **({"nonlinear": [row.to_dict() for row in self.nonlinear]} if self.nonlinear else {}),
+            **({"stable_between": self.between and self.between.stable} if self.scope else {}),
             "crossings": [place(crossing) for crossing in self.crossings],
             "next_crossings": {side: place(crossing) for side, crossing in self.next_crossings.items()},
             "claims": [
@@ -303,7 +328,8 @@ class Certificate(Decided):
         """In words, why the answer is no; empty where it is yes."""
         refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]
         refused += [row.line() for row in self.nonlinear if not row.proved]
-        return "; ".join(words for words in (self.stability.reason, *refused, self.small_motion) if words)
+        refused += [] if self.linear else [self.small_motion, self.open_between]
+        return "; ".join(words for words in (self.stability.reason, *refused) if words)
 
 
 def goal_claims(goal: Goal) -> tuple[Asked, ...]:

@@ -34,6 +34,7 @@ from beamdesign.proofs.performance import MAGNITUDES, bandwidth, least_limit, pr
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope, uncovered
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
+from beamdesign.proofs.tolerance_box import between
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.quantities import stated_range
@@ -217,13 +218,15 @@ def certify(
     high_kg: float | None = None,
     claims: Sequence[Asked] = (),
     nonlinear: bool = False,
+    linear: bool = False,
 ) -> Certificate:
     """Decide stability and claims over every mass on the outer tip, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
     are worked out and proved as well. Everything is about all linear members of the prototype, of which there is one
     without effects: stability, decay and gain margin at every factor on the gain that the effects allow; the rest at
-    those at which the effects are to let the loop perform. `small_motion` tells what small motion does not keep of it.
+    those at which the effects are to let the loop perform. `between` tells of what lies between the values that members
+    freeze, `small_motion` what small motion does not keep of it.
 
     Args:
         prototype: with a controller of one law.
@@ -231,6 +234,7 @@ def certify(
         high_kg: upper end.
         claims: to decide beside what is guaranteed.
         nonlinear: prove as well what holds while effects move, and while the law's current saturates.
+        linear: let the answer `yes` be about linear members alone, where effects are in the way of more.
 
     Raises:
         ValueError: for an empty range, or without a controller.
@@ -261,7 +265,8 @@ def certify(
     written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found, nonlinear)) if prototype.effects else ()
-    more = method, about, rows, uncovered(prototype, rows, claims)
+    inside = between(prototype, low_kg, high_kg) if prototype.effects and stability.stable else None
+    more = method, about, rows, uncovered(prototype, rows, claims), inside, linear
     return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, *more)
 
 

@@ -27,6 +27,7 @@ from beamdesign.polynomial import (
     simple_between,
     value_at,
 )
+from beamdesign.quantities import stated_range
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
         return "no mass of the range is stable"
     if stretches:
         ends = ((nearest(stretch[0].low), nearest(stretch[-1].high)) for stretch in stretches)
-        return f"unstable from {', '.join(f'{low:.7g} to {high:.7g} kg' for low, high in ends)}"
+        return f"unstable from {', '.join(f'{stated_range(each)} kg' for each in ends)}"
     if listed:
         masses = ", ".join(dict.fromkeys(f"{crossing.value:.7g} kg" for crossing in listed))
         return f"a root lies on the imaginary axis or at infinity at {masses}"

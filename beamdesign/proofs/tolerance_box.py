@@ -342,14 +342,3 @@ def between(prototype: Prototype, low_kg: float, high_kg: float) -> BoxVerdict |
         return None
     box = tolerance_box(prototype, 0.0, None, (low_kg, high_kg))
     return certify_box(prototype, box, BUDGET, volumes=False)
-
-
-def in_words(verdict: BoxVerdict | None) -> str:
-    """What is known between the ends of the frozen figures; empty where there are none."""
-    if verdict is None:
-        return ""
-    if verdict.stable:
-        return "stable at every value between the ends of the frozen figures too, all of them and the masses at once"
-    if verdict.stable is None:
-        return f"between the ends of the frozen figures stability is undecided: {verdict.reason}"
-    return f"between the ends of the frozen figures {verdict.reason}"

@@ -195,7 +195,8 @@ def terms_table(loop: LoopTerms) -> Table:
 def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
     """Where a loop is stable, its bandwidth and peak sensitivity, and its critical gain at each end."""
     ranges = ", ".join(f"{stated_range(ends, 4)} kg" for ends in of.stable_ranges_kg) or "nowhere"
-    yield of.reason or (f"all of {masses}" if of.stable else ranges)
+    inside = f"; {of.open_between}" if of.open_between else ""
+    yield of.reason or (f"all of {masses}{inside}" if of.stable else ranges)
     absent = "" if of.reason else "none"  # of figures that nobody worked out none is no answer
     yield absent if of.bandwidth_Hz is None else stated_bandwidth(of.bandwidth_Hz)
     yield absent if of.peak_sensitivity is None else stated_peak(of.peak_sensitivity)

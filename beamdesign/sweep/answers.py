@@ -104,33 +104,27 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     are looked at and not proved.
     """
     from beamdesign.synthesis import tuning
+    from beamdesign.synthesis.design_run import certified_laws
 
     kind, rig = options.controller, tuning.limited(prototype, options.controller)
     found = tuning.tune(rig, prototype.asked_kg(), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)
     answers = {}
-    for stage, law in zip(found.stages, found.each, strict=True):
+    for stage, law, (proof, _) in zip(found.stages, found.each, certified_laws(found)[1], strict=True):
         assert law.best is not None
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
-        answers[stage.prototype.name] = _between(stage.prototype, stage.outer_end_mass_kg, law.best.columns(), details)
+        outputs = law.best.columns() | _between(proof)
+        answers[stage.prototype.name] = Answer(outputs, details, proof.open_between)
     answer = of_all(answers)
     if found.switching is None or found.yes:
         return answer
     return replace(answer, reason=f"changes between its laws are not proved: {found.switching.reason}")
 
 
-def _between(
-    prototype: Prototype, masses_kg: tuple[float, float], outputs: dict[str, Any], details: dict[str, Any]
-) -> Answer:
-    """What a loop answers that is stable at the ends of what effects freeze: a no unless it is between them too."""
-    from beamdesign.proofs.tolerance_box import between, in_words
-
-    if not prototype.effects:
-        return Answer(outputs, details)
-    verdict = between(prototype, *masses_kg)
-    known = {"stable_between": verdict and verdict.stable}
-    return Answer(outputs | known, details, "" if verdict is None or verdict.stable else in_words(verdict))
+def _between(found: "Certificate") -> dict[str, Any]:
+    """Whether a loop is stable between the ends of what effects freeze too; nothing without effects."""
+    return {"stable_between": found.between and found.between.stable} if found.scope else {}
 
 
 def _effort(found: "Tuning") -> dict[str, Any]:
@@ -164,10 +158,7 @@ def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
         for claim in found.claims
     ]
     details = {"method": found.method, "scope": list(found.scope), "claims": claims}
-    if not found.stable:
-        return Answer(outputs, details, found.reason)
-    answer = _between(prototype, found.outer_end_mass_kg, outputs, details)
-    return replace(answer, reason=found.reason or answer.reason)
+    return Answer(outputs | (_between(found) if found.stable else {}), details, found.reason)
 
 
 def _guaranteed(found: "Certificate", no_bandwidth: float | None) -> dict[str, Any]:

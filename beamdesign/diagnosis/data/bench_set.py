@@ -20,6 +20,7 @@ from beamdesign.arguments import takes
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, refuse_missing, uniform_times
 from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
+from beamdesign.diagnosis.data.measured_files import UNITS
 from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 from beamdesign.result import Result
@@ -31,7 +32,7 @@ ONE_COMMAND = 0.05
 """Relative difference of commands of one condition."""
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
 _SLOW = 500  # times as long as without load: a thousand times in mV, and overlap leaves of a speed what it may
-_SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
+_SCALES = {1 / UNITS["Pa"][unit]: unit for unit in ("MPa", "bar", "kPa", "psi")}
 
 
 @dataclass(frozen=True)

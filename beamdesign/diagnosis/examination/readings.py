@@ -15,6 +15,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import INPUTS, MEASURED, TimeRecord
+from beamdesign.diagnosis.data.measured_files import UNITS
 from beamdesign.diagnosis.examination import nominal
 from beamdesign.diagnosis.examination.nominal import ControllerFit
 from beamdesign.diagnosis.examination.sound_records import Caution, rms
@@ -22,15 +23,19 @@ from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
 
 COLUMNS = (*INPUTS, *MEASURED)
-_FORCES = {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665}
-_UNITS: dict[str, dict[str, float]] = {
-    "disturbance_N": _FORCES,
-    "command_V": {"mV": 1e3},
-    "current_A": {"mA": 1e3, "uA": 1e6},
-    "displacement_m": {"mm": 1e3, "um": 1e6, "cm": 1e2, "inches": 1 / 0.0254, "thousandths of an inch": 1e3 / 0.0254},
-    "load_pressure_Pa": {"bar": 1e-5, "MPa": 1e-6, "kPa": 1e-3, "psi": 1 / 6894.757},
-    "screw_force_N": _FORCES,
-    "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
+_WRITTEN = {
+    "disturbance_N": "kN lbf kgf",
+    "command_V": "mV",
+    "current_A": "mA uA",
+    "displacement_m": "mm um cm inches mil",
+    "load_pressure_Pa": "bar MPa kPa psi",
+    "screw_force_N": "kN lbf kgf",
+    "inner_displacement_m": "mm um inches",
+}
+_SPELT_OUT = {"mil": "thousandths of an inch"}
+_UNITS = {
+    column: {_SPELT_OUT.get(unit, unit): 1 / UNITS[column.rpartition("_")[2]][unit] for unit in units.split()}
+    for column, units in _WRITTEN.items()
 }
 """By column: how large one SI unit is when written in another."""
 _TIMES = {"ms": 1e3, "us": 1e6}

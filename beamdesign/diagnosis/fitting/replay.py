@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from beamdesign.diagnosis.fitting.linear_evidence import LinearModel
 
 FURTHEST_M = 0.5
+"""Displacement of the outer tip at which a loop has diverged."""
 _RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
 _LONGEST_S = 0.25e-3
 
