@@ -7,6 +7,7 @@ from, and that it counts only where records left out of its fit say that it clos
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 from math import inf
 
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.special import expit
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import Cause
+from beamdesign.diagnosis.diagnosis import Cause, in_words, named
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
@@ -58,7 +59,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     Returns:
         laws among the hypotheses, which share the probability that the cause is not listed. None where no law explains
         much more than what is listed does, or conditions held out say that it does not: one by one, by the quadratics
-        that stand for fits without them, and those of `held_out` by fits.
+        that stand for fits without them, and those of `held_out` by fits. Where one by itself is more probable than
+        the listed effects and leaves too much to take their place, what is listed, as no more than likely.
     """
     data, before, judged, kept = look.data, look.search, look.judged, look.kept
     contested = judged.unknown <= _UNLISTED
@@ -81,7 +83,7 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     if explains:  # and so has the law to, by figures that a rig may have
         most = EXPLAINED if not weighed.best.strained else -inf
     if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
-        return None
+        return _doubt(look, scaled, found) if contested and rival.hypothesis.effects and not explains else None
     scaled = without_idle_terms(scaled, weighed.best)
     own = {*weighed.best.hypothesis.effects}  # whose terms are fewer now, beside a listed cause as well
     same = [f for f in found if f is not weighed.best and own & {*f.hypothesis.effects} and not f.reason]
@@ -109,6 +111,33 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
     judgement = Judgement(listed | share, unknown, best)
     return Look(scaled, everything, judgement, (far,) * explains, refitted=(null, without)).after(look)
+
+
+def _doubt(look: Look, scaled: Dataset, found: Sequence[Fit]) -> Look | None:
+    """The listed effects as no surer than likely where a law alone is more probable; None where none is."""
+    rival = look.judged.best
+    law = min((f for f in found if len(f.hypothesis.names) == 1 and not f.reason), key=lambda f: f.cost, default=None)
+    if law is None:
+        return None
+    spread = max(1.0, law.misfit / look.search.expected)
+    score, of_rival = (evidence(fit, spread) + odds(fit.hypothesis) for fit in (law, rival))
+    if score < of_rival + _TOLD:
+        return None
+    (name,) = law.hypothesis.names
+    like, port = library()[name].nearest, in_words(law.hypothesis.causes[0].partition(":")[2])
+    assert like is not None  # of every law that is learnt
+    words = (
+        f"{like(_own(law, name, scaled, law.z))} at the port {port} explains the records better than"
+        f" {named(str(rival.hypothesis))} does, if not so much better as to take its place: look there first"
+    )
+    return replace(look, words=(*look.words, words), doubtful=True)
+
+
+def _own(fit: Fit, law: str, data: Dataset, z: np.ndarray) -> dict[str, float]:
+    """Figures of a learnt law at some unknowns of its fit, with the scales that the prototype states."""
+    pairs, prefix = zip(fit.unknowns, z, strict=True), law + "."
+    found = {u.name.removeprefix(prefix): u.value(to) for u, to in pairs if u.name.startswith(prefix)}
+    return {**given(law, data.prototype), **found}
 
 
 def _drifts(hypothesis: Hypothesis) -> bool:
@@ -207,12 +236,7 @@ def described(cause: Cause, best: Fit, data: Dataset) -> Cause:
     law = library().get(best.hypothesis.realisation(cause.name))
     if law is None or law.nearest is None:
         return cause
-    scales, prefix = given(law.name, data.prototype), law.name + "."
-
-    def own(z: np.ndarray) -> Mapping[str, float]:
-        pairs = zip(best.unknowns, z, strict=True)
-        return {**scales, **{u.name.removeprefix(prefix): u.value(to) for u, to in pairs if u.name.startswith(prefix)}}
-
+    own = partial(_own, best, law.name, data)
     like = law.nearest(own(best.z))
     if law.table is None:
         return replace(cause, like=like)

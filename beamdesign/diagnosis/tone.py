@@ -112,7 +112,8 @@ def search_without_tones(
     """Search for what explains the records without the tones that they have in common.
 
     These are looked for in what tolerances alone leave, so that pairs of causes are not tried on hum in vain, and where
-    the gap hides them there, in what the best explanation leaves; then all is searched again.
+    the gap hides them there, in what the best explanation leaves; then all is searched again. A tone that the loop
+    hears is taken off only where the best explanation leaves it too.
 
     Args:
         data: what to explain.
@@ -130,7 +131,7 @@ def search_without_tones(
     with Fitters(data, 1, kept) as fitters:
         (null,) = fitters.each(Task(NOTHING, {}))
     cleared, words, in_loop = (data, (), False) if null.reason else without_tones(data, null)
-    if not words:  # without a fit of tolerances alone there is no search
+    if not words or in_loop:  # what the loop hears may be a resonance that a cause explains
         found = search(data, workers, progress, kept, null=null)
         cleared, words, in_loop = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit))
     if words:

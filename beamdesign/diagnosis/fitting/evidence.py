@@ -15,14 +15,16 @@ from beamdesign.diagnosis.fitting.fit import Evidence, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, law_of_play
 from beamdesign.diagnosis.fitting.weighting import (
     HIGHEST_HZ,
     LOWEST_HZ,
     SHARE,
+    Rise,
     Weighting,
     banded,
     blurred,
+    faded,
     rising,
     weighting,
 )
@@ -257,3 +259,39 @@ def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.nda
 
 def _injected(placement: Placement) -> Placement:
     return replace(placement, assembly=assemble(replace(placement.assembly.kinds, own_share=OWN_SHARE)))
+
+
+def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor."""
+    placement, record = NOTHING.placement(job.prototype), job.record
+    predicted = job.simulated(placement, np.zeros(len(placement.unknowns)), (DISPLACEMENT,))
+    if predicted is None:
+        return None
+    moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
+    frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
+    kept = frequencies > LOWEST_HZ
+    power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
+    own = power / job.noise_power((DISPLACEMENT,), frequencies[kept])[0]
+    return frequencies[kept], own[:, 0], own[:, 1]
+
+
+def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None, force_noise: np.ndarray) -> Weighting:
+    """A weighing that counts as noise what the believed loop makes of noise at its sensor and in the force recorded.
+
+    Args:
+        weight: by white noise.
+        job: of the record.
+        rise: of the sensor's noise, its power per sample beyond white noise, by frequency.
+        force_noise: (N,) that is left in the force, its power per sample (N^2), from 0 to the frequency of Nyquist.
+    """
+    highest = 0.5 / job.record.step
+    lines = np.append(weight.frequencies_Hz, highest)  # the last one: where noise was read off
+    power, of_force = job.noise_power(weight.channels, lines)
+    count = float(np.sum(job.record.counted**2))
+    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
+    more = white * np.maximum(power[:-1] - power[-1], 0.0)  # beyond what the top shows
+    if rise is not None:
+        more += count * rise(weight.frequencies_Hz)[:, None] * power[:-1]
+    left = np.interp(weight.frequencies_Hz, np.linspace(0, highest, len(force_noise)), force_noise)
+    # No more than was measured: a believed loop may be next to unstable.
+    return blurred(weight, more + np.minimum(count * left[:, None] * of_force[:-1], weight.measured.T))

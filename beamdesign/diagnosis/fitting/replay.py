@@ -10,7 +10,6 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
-from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of, widened
 from beamdesign.plant.compiled import integrate, integrate_with_sensitivities, measured_half_steps
 from beamdesign.plant.equilibrium import StateSpace, equilibrium, equilibrium_sensitivity, linearise
@@ -71,8 +70,7 @@ class Replay:
             to unstable; and of 1 N that is recorded beside the force, of which the believed loop, but not the rig, is
             driven.
         """
-        placement = NOTHING.placement(self.prototype)
-        placed, parameters = self.placed(placement), self.parameters(placement, np.zeros(len(placement.unknowns)))
+        placed, parameters = self._believed()
         read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
         try:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
@@ -104,7 +102,7 @@ class Replay:
         sloped: bool = True,
         begun: Begun | None = None,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges.
+        """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges or is too stiff.
 
         Without slopes there are no derivatives, and it takes a fraction of the time. It starts at rest, or as begun.
         """
@@ -119,7 +117,8 @@ class Replay:
             return None
         if key not in self._substeps:
             self._substeps[key] = self._enough(placement, parameters, rest)
-        substeps = self._substeps[key]
+        if not (substeps := self._substeps[key]):
+            return None
         inputs = self._driven(substeps)
         start = rest if begun is None else rest + begun[0]
         if not sloped:
@@ -136,6 +135,19 @@ class Replay:
         slopes = placement.slopes(parameters)[list(placement.moved)]
         return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
 
+    def _believed(self) -> tuple[Placement, np.ndarray]:
+        """What was believed: its unknowns in the equations with the law of this record, and its parameters."""
+        placement = NOTHING.placement(self.prototype)
+        return self.placed(placement), self.parameters(placement, np.zeros(len(placement.unknowns)))
+
+    def _believed_steps(self) -> int:
+        """Integration steps per sample of what was believed."""
+        if (found := self._substeps.get(NOTHING)) is None:
+            placed, figures = self._believed()
+            at = self.record.step, placed.assembly.kinds, figures.tobytes(), at_rest(placed, figures).tobytes()
+            found = self._substeps[NOTHING] = _steps(*at)
+        return found
+
     def _driven(self, substeps: int) -> np.ndarray:
         """(2 substeps (N - 1) + 1, m) the record's inputs at every half step."""
         if substeps not in self._inputs:
@@ -145,8 +157,13 @@ class Replay:
         return self._inputs[substeps]
 
     def _enough(self, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
-        """Integration steps per sample, as at rest; of a law that is steep elsewhere, until more change little."""
+        """Integration steps per sample, as at rest; of a law that is steep elsewhere, until more change little.
+
+        0 for a model `_STIFFER` than the believed one, where a figure goes on and on that records do not resist.
+        """
         count = _steps(self.record.step, placement.assembly.kinds, parameters.tobytes(), rest.tobytes())
+        if count > _STIFFER * self._believed_steps():
+            return 0
         assembly, times = placement.assembly, self.record.since_start
         effects = assembly.kinds.effects
         if not set(effects) & _STEEP or law_of_play(effects):
@@ -161,6 +178,7 @@ class Replay:
         return steps if len(before) else count
 
 
+_STIFFER = 32  # times as many steps: poles of kilohertz where those of a rig are of tens of hertz
 _LARGE = 1 << 17  # steps of a record, 4 MB of inputs
 _STEEP = {"pressure_dependent_flow"}
 """Effects whose flow changes ever faster with the pressure where that nears the supply's or the tank's."""
@@ -235,42 +253,6 @@ _BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the pole
 DISPLACEMENT = "displacement_m"
 _LOUDEST = 10.0
 _AT_ONCE = 4096  # frequencies: a long record has a million, each with a matrix of its own
-
-
-def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor."""
-    placement, record = NOTHING.placement(job.prototype), job.record
-    predicted = job.simulated(placement, np.zeros(len(placement.unknowns)), (DISPLACEMENT,))
-    if predicted is None:
-        return None
-    moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
-    frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
-    kept = frequencies > LOWEST_HZ
-    power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
-    own = power / job.noise_power((DISPLACEMENT,), frequencies[kept])[0]
-    return frequencies[kept], own[:, 0], own[:, 1]
-
-
-def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None, force_noise: np.ndarray) -> Weighting:
-    """A weighing that counts as noise what the believed loop makes of noise at its sensor and in the force recorded.
-
-    Args:
-        weight: by white noise.
-        job: of the record.
-        rise: of the sensor's noise, its power per sample beyond white noise, by frequency.
-        force_noise: (N,) that is left in the force, its power per sample (N^2), from 0 to the frequency of Nyquist.
-    """
-    highest = 0.5 / job.record.step
-    lines = np.append(weight.frequencies_Hz, highest)  # the last one: where noise was read off
-    power, of_force = job.noise_power(weight.channels, lines)
-    count = float(np.sum(job.record.counted**2))
-    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
-    more = white * np.maximum(power[:-1] - power[-1], 0.0)  # beyond what the top shows
-    if rise is not None:
-        more += count * rise(weight.frequencies_Hz)[:, None] * power[:-1]
-    left = np.interp(weight.frequencies_Hz, np.linspace(0, highest, len(force_noise)), force_noise)
-    # No more than was measured: a believed loop may be next to unstable.
-    return blurred(weight, more + np.minimum(count * left[:, None] * of_force[:-1], weight.measured.T))
 
 
 _SWEPT_HZ = 1.0, 400.0  # of the published rig
