@@ -324,6 +324,36 @@ def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_n
     assert learn(Look(data, before, replace(judged, best=usual)), (1,)) is None
 
 
+def test_what_is_listed_is_no_more_than_likely_where_a_law_alone_is_more_probable(monkeypatch):
+    """A mass that swings on the tip was called a mount that gives way, with confidence: each left much of the gap."""
+    law, other = Hypothesis(("empirical_outer_force_appendage",)), Hypothesis(("empirical_sensor_lag",))
+    own = {"mass_kg": 0.3, "frequency_Hz": 70.0, "damping_ratio": 0.05}
+    plan = scenario(0.6)
+    plan = plan.but(record=tuple(plan.record[k] for k in (0, 2, 3)))
+    data = measured(believed().but(effects={law.names[0]: own}), plan, believed())
+    evidence, known = evidence_of(data), []
+    for hypothesis in (NOTHING, Hypothesis(("mount_compliance",))):
+        placement = hypothesis.placement(data.prototype)
+        known.append(fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns))))
+    null, listed = known
+    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
+    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
+    monkeypatch.setattr(learning, "EXPLAINED", 0.1)
+    assert before.excess(listed) > learning.EXPLAINED
+    look = Look(data, before, replace(judge(before), best=listed, unknown=0.2))
+    monkeypatch.setattr(learning, "_ALIKE", -np.inf)  # so that no law leaves little enough to take its place
+    monkeypatch.setattr(learning, "learnable", lambda prototype: [law, other])
+    found = learn(look, (1,))
+    assert found is not None
+    assert found.doubtful
+    assert (found.search, found.judged) == (look.search, look.judged)
+    (words,) = found.words
+    assert words.startswith("a mass of 0.3 kg that swings on the outer beam at 70 Hz")
+    assert "better than mount_compliance" in words
+    monkeypatch.setattr(learning, "learnable", lambda prototype: [other])
+    assert learn(look, (1,)) is None
+
+
 @pytest.mark.parametrize("odd_square", [0.5, 16.0])
 def test_a_curve_is_counted_over_no_more_than_the_rig_can_have_moved(odd_square: float):
     """The same force at every speed; and where it was larger than the port's own, counted from where it is as large."""

@@ -466,3 +466,21 @@ def test_inputs_of_many_steps_are_kept_one_at_a_time(lagged):
     assert [*job._inputs] == [600]
     job._driven(2)
     assert [*job._inputs] == [600, 2]
+
+
+def test_a_model_far_stiffer_than_the_believed_one_is_not_simulated(lagged):
+    """A valve a thousand times as quick moves the tip no other than one ten times, and took 22 GB of inputs."""
+    job = record_evidence(lagged)[0].job
+    hypothesis = Hypothesis(("parameter:valve_natural_frequency",))
+    placement = hypothesis.placement(lagged.prototype)
+    (k,) = (k for k, u in enumerate(placement.unknowns) if u.name == "valve_frequency")
+
+    def moved(times: float):
+        z = np.zeros(len(placement.unknowns))
+        z[k] = placement.unknowns[k].z(times * placement.unknowns[k].nominal)
+        return job.simulated(placement, z, ("displacement_m",))
+
+    ten, thirty, thousand = map(moved, (10.0, 30.0, 1000.0))
+    assert thousand is None
+    assert np.linalg.norm(thirty - ten) < 0.05 * np.linalg.norm(ten)
+    assert max(job._inputs) <= 32 * job._believed_steps()

@@ -10,9 +10,10 @@ from beamdesign.diagnosis import tone
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
-from beamdesign.diagnosis.fitting.search import search
+from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.tone import Left, common_tone, search_without_tones, without_tones
 
@@ -139,6 +140,30 @@ def test_of_a_sound_rig_whose_recorder_hums_there_is_no_gap(monkeypatch: pytest.
     assert found.judged.best.hypothesis == NOTHING
     assert found.judged.of_causes[()] > 0.9
     assert found.search.null.misfit < 1.3 * found.search.expected
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_a_tone_that_the_loop_hears_is_taken_off_where_no_cause_explains_it(
+    explained: bool, slow: Dataset, quiet: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A resonance next to unstable is as narrow: of a dead band it was called hum, and the set unknown."""
+    without = replace(slow, records=slow.records[:-1])
+    searched: list[Dataset] = []
+
+    def cleared(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], bool]:
+        tone_left = best.hypothesis == NOTHING or not explained
+        return (without, ("hum",), True) if tone_left else (data, (), False)
+
+    def search_kept(data: Dataset, *given: object, **more: object) -> Search:
+        searched.append(data)
+        return quiet.search
+
+    monkeypatch.setattr(tone, "without_tones", cleared)
+    monkeypatch.setattr(tone, "search", search_kept)
+    found = search_without_tones(slow)
+    assert searched == ([slow] if explained else [slow, without])
+    assert (found.words, found.doubtful) == (((), False) if explained else (("hum",), True))
+    assert found.judged.best.hypothesis.names == ("sensor_lag",)
 
 
 def test_records_without_a_tone_are_left_as_they_are(slow: Dataset, quiet: Look) -> None:
