@@ -196,6 +196,35 @@ def test_units_of_a_gain_and_of_its_frequency(believed: Prototype):
     assert taken(believed, (law, 0.0, 0.0)).residual(placement, nominal) == pytest.approx([log(1.04) / 0.02], rel=1e-6)
 
 
+def test_a_gain_below_that_of_a_rig_that_a_push_makes_oscillate_says_little():
+    """A motor at its limit has lost its drive's damping too: a twelfth of the linear loop's gain made a set unknown.
+
+    Above the gain of the linear loop, without the limit, and where nothing but such gains is known, it says all it did.
+    """
+    rig = screw()
+    many = rig.sensor.but(gain_V_per_m=50 * rig.sensor.gain_V_per_m)  # else no such gain is plausible
+    rig = rig.but(sensor=many, tolerance=TOLERANCE)
+    limited, free = together("motor_current_limit").placement(rig), NOTHING.placement(rig)
+    law = Lag(gain_A_per_V=1.0, pole_Hz=1.2, zero_Hz=18.0)
+    at = taken(rig, (law, 0.0, 0.0)).nominal()
+
+    def left(share: float, placement: Placement, rough: float) -> list[float]:
+        given = MeasuredGain(law.but(gain_A_per_V=share * at.gain), 0.0, 0.0, 0.02, frequency_Hz=at.frequency / tau)
+        piece, z = GainEvidence(given, rig, rough=rough), np.zeros(len(placement.unknowns))
+        found = piece.residual(placement, z)
+        assert found is not None
+        linear = piece.linearised(placement, z)
+        assert linear is not None
+        assert linear[0] == pytest.approx(found)
+        return list(found)
+
+    usual = np.hypot(0.02, 0.1)
+    assert left(1 / 12, limited, 0.1) == pytest.approx([log(1 / 12), 0.0], abs=1e-6)
+    assert left(12.0, limited, 0.1) == pytest.approx([log(12) / usual, 0.0], abs=1e-6)
+    assert left(1 / 12, free, 0.1) == pytest.approx([log(1 / 12) / usual, 0.0], abs=1e-6)
+    assert left(1 / 12, limited, 0.0) == pytest.approx([log(1 / 12) / 0.02, 0.0], abs=1e-6)
+
+
 def test_a_loop_without_gain_makes_no_prediction(believed: Prototype):
     """A valve that passes nothing closes no loop."""
     placement = NOTHING.placement(believed)

@@ -316,11 +316,12 @@ def _asked(found: _Explained) -> NextExperiment | None:
 
 
 def _far(piece: Evidence, best: Fit) -> bool:
-    """Whether it is a critical gain that is far from what the chosen model makes of it."""
+    """Whether it is a critical gain that is far from what the chosen model makes of it, and has to be near."""
     if not isinstance(piece, GainEvidence):
         return False
     at = piece.predicted(best.hypothesis.placement(piece.prototype), best.z)
-    return at is not None and not 1 / GAIN_FAR < piece.measured.gain / at.gain < GAIN_FAR
+    near = at is None or piece.swung(at) or 1 / GAIN_FAR < piece.measured.gain / at.gain < GAIN_FAR
+    return not near
 
 
 @contextmanager

@@ -7,7 +7,7 @@ rounding by Newton's method on Im G(jw).
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import log, sqrt, tau
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.linalg import eigvals
 from beamdesign.diagnosis.data.dataset import MeasuredGain
 from beamdesign.diagnosis.fitting.hypothesis import Placement
 from beamdesign.diagnosis.fitting.linear_evidence import LinearEvidence, LinearModel
+from beamdesign.plant.effects import library
 
 _TIME = 1e3  # rad/s: typical of the loop, so that figures are about one
 _SLOWEST, _FASTEST = 1e-3, 1e3  # in that unit; slower is drift, faster no rig
@@ -36,6 +37,7 @@ class Onset:
         right: (n,) what the states do in that oscillation, over their typical magnitudes.
         left: (n,) left eigenvector.
         by_gain: derivative of the pole by the gain, complex.
+        swings: whether the rig may oscillate for good at a lower gain, once it is pushed.
     """
 
     gain: float
@@ -44,6 +46,7 @@ class Onset:
     right: np.ndarray = field(repr=False)
     left: np.ndarray = field(repr=False)
     by_gain: complex
+    swings: bool = False
 
 
 def onset(model: LinearModel, z: np.ndarray, raised_from: float = 0.0) -> Onset | None:
@@ -165,13 +168,16 @@ def _scaled(a: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 FREQUENCY_STD = 0.02
 """Relative, of the frequency that was noted with a critical gain."""
+_SWUNG = 1.0
+"""Relative error of a linear loop below whose critical gain a push makes the rig oscillate: a factor of three."""
 
 
 @dataclass(frozen=True)
 class GainEvidence(LinearEvidence):
     """A critical gain in units of misfit: the logarithm of measured over predicted, over its relative error.
 
-    Where the frequency of the oscillation was noted, it is a second such figure.
+    Where the frequency of the oscillation was noted, it is a second such figure. Beside records, a gain below that of a
+    rig which a push makes oscillate there says little of its linear loop.
 
     Attributes:
         rough: relative error of the linear loop itself, beside that of the measurement.
@@ -214,7 +220,10 @@ class GainEvidence(LinearEvidence):
         key = (placement.assembly.kinds, placement.unknowns, z.tobytes())
         if key not in self._last:
             self._last.clear()
-            self._last[key] = onset(self.model(placement), z, self.measured.raised_from)
+            found = onset(self.model(placement), z, self.measured.raised_from)
+            laws = (library()[name].linear for name in placement.assembly.kinds.effects)
+            swings = any(law is not None and law.swings for law in laws)
+            self._last[key] = found and replace(found, swings=swings)
         return self._last[key]
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -223,7 +232,7 @@ class GainEvidence(LinearEvidence):
             return None
         gain, frequency = onset_slopes(self.model(placement), z, at)
         rows = np.array([-gain, -frequency][: len(self.units)])
-        return self.misfit(at), rows / self.units[:, None]
+        return self.misfit(at), rows / self._units_of(at)[:, None]
 
     def misfit(self, at: Onset) -> np.ndarray:
         """(1,) or (2,) measured less predicted."""
@@ -231,4 +240,11 @@ class GainEvidence(LinearEvidence):
         figures = [log(taken.gain / at.gain)]
         if taken.frequency_Hz is not None:
             figures.append(log(tau * taken.frequency_Hz / at.frequency))
-        return np.array(figures) / self.units
+        return np.array(figures) / self._units_of(at)
+
+    def swung(self, at: Onset) -> bool:
+        """Whether the oscillation may be one that a push began, below the gain of the model's linear loop."""
+        return at.swings and self.rough > 0 and self.measured.gain < at.gain
+
+    def _units_of(self, at: Onset) -> np.ndarray:
+        return np.maximum(self.units, _SWUNG) if self.swung(at) else self.units

@@ -240,6 +240,7 @@ class Linear:
             where these add nothing to the loop (`laws` is empty); of others nothing is proved then.
         near_rest: what the members say wrongly of motion that is small against the effect: the compliance, where the
             rig follows none of those that perform; stability too, where it follows none at all.
+        swings: whether a loop that is stable by these members may oscillate for good once it is pushed.
     """
 
     covers: str
@@ -251,6 +252,7 @@ class Linear:
     with_load: bool = False
     elements: ElementsOf | None = field(default=None, hash=False)
     near_rest: Literal["", "compliance", "stability"] = ""
+    swings: bool = False
 
 
 def in_volts(linear: Linear) -> Linear:

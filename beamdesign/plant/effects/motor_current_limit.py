@@ -21,5 +21,6 @@ EFFECT = Effect(
         "a motor at its limit, which has lost the law and the drive's speed feedback together: a loop that is stable"
         " here may oscillate for good there",
         laws={},
+        swings=True,
     ),
 )
