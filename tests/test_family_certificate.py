@@ -12,6 +12,7 @@ from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
 from beamdesign import Prototype, certify, check, simulate, specify, tune, write_prototype
+from beamdesign.build.folder import write_specification
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
@@ -376,3 +377,9 @@ def test_certify_says_no_where_what_lies_between_is_undecided(
     assert (fields["stable"], fields["stable_between"]) == (True, None)
     assert "undecided" in fields["reason"]
     assert CliRunner().invoke(app, [*told, "--linear"]).exit_code == 0
+    specified = specify(with_effects(tame, "entrained_air"), (0.0, 6.8))
+    assert specified.guaranteed is not None
+    (words,) = (value for figure, value, _ in specified.rows() if figure == "not proved")
+    assert "undecided" in words
+    paths = write_specification(specified, tmp_path / "spec")
+    assert f"Of all effects together: {words}" in " ".join(paths["markdown"].read_text().split())
