@@ -300,13 +300,15 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
         "valve_hysteresis_spring",
     }
     assert check(verdict.certificate, prototype_table(rig)).valid
-    assert "stable at every value between" in certify(rig, 0.0, 6.8).between_words
+    inside = certify(rig, 0.0, 6.8).between
+    assert inside is not None
+    assert "stable at every value between" in inside.of_frozen
     wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4))
     refuted = between(wild, 0.0, 6.8)
     assert refuted.stable is False
     assert "not stable" in refuted.reason
     assert between(with_effects(tame, "sensor_lag"), 0.0, 6.8) is None
-    assert certify(with_effects(tame, "sensor_lag"), 0.0, 6.8).between_words == ""
+    assert certify(with_effects(tame, "sensor_lag"), 0.0, 6.8).between is None
     for effects in ({"joint_backlash": {}}, {"mount_compliance": {}, "seal_friction": {}}):
         found = between(tame.but(effects=effects), 6.0, 6.8)
         assert found is not None

@@ -140,7 +140,7 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     echo(f"method: {certificate.method}")
     echo(*certificate.scope, before="  ")
     if certificate.between is not None:
-        echo(f"  {certificate.between_words}")
+        echo(f"  {certificate.between.of_frozen}")
     echo_aside(record)
 
 

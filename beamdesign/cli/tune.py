@@ -158,7 +158,7 @@ def tune(
             texts[f"certificate_box{end}"] = (certificate_name(stage.suffix, box=True), law.best.over_box.certificate)
         if record.effects:
             if (inside := certificate.between) is not None:
-                echo(f"  {certificate.between_words}")
+                echo(f"  {inside.of_frozen}")
             if inside is not None and inside.certificate:
                 texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", inside.certificate)
             # over a box it is proved with the rest

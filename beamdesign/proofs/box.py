@@ -259,6 +259,14 @@ class BoxVerdict:
         """
         return self.write(())
 
+    @property
+    def of_frozen(self) -> str:
+        """The answer in words, of the box between the ends of what the effects of a prototype freeze."""
+        if self.stable:
+            return "stable at every value between the ends of the frozen figures too, all of them and masses at once"
+        undecided = "stability is undecided: " if self.stable is None else ""
+        return f"between the ends of the frozen figures {undecided}{self.reason}"
+
 
 def certify_box(
     subject: Prototype | PolynomialFamily,

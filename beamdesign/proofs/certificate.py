@@ -248,7 +248,7 @@ class Certificate(Decided):
         scope: for a prototype with effects, per effect what is covered and what is not, in words.
         nonlinear: where that was asked for, what is proved of effects while they move.
         small_motion: what is proved of linear members and not of small motion about rest, in words; empty where all is.
-        between: where all members are stable and effects freeze figures, whether the loop is at every value between.
+        between: where members are stable and freeze figures, whether the loop is at every value between.
         linear: whether the answer was asked of linear members alone.
     """
 
@@ -285,19 +285,7 @@ class Certificate(Decided):
     @property
     def open_between(self) -> str:
         """Why the loop is not proved stable between the ends of what effects freeze, in words; empty where it is."""
-        return "" if self.between is None or self.between.stable else self.between_words
-
-    @property
-    def between_words(self) -> str:
-        """What is known between the ends of the figures that effects freeze; empty where they freeze none."""
-        if self.between is None:
-            return ""
-        if self.between.stable:
-            return (
-                "stable at every value between the ends of the frozen figures too, all of them and the masses at once"
-            )
-        undecided = "stability is undecided: " if self.between.stable is None else ""
-        return f"between the ends of the frozen figures {undecided}{self.between.reason}"
+        return "" if self.between is None or self.between.stable else self.between.of_frozen
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign certify` writes of it, without the text of the proof."""
