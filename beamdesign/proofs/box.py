@@ -263,7 +263,7 @@ class BoxVerdict:
     def of_frozen(self) -> str:
         """The answer in words, of the box between the ends of what the effects of a prototype freeze."""
         if self.stable:
-            return "stable at every value between the ends of the frozen figures too, all of them and masses at once"
+            return "stable at every value between the ends of the frozen figures and of the masses too, all at once"
         undecided = "stability is undecided: " if self.stable is None else ""
         return f"between the ends of the frozen figures {undecided}{self.reason}"
 
