@@ -127,8 +127,8 @@ def _doubt(look: Look, scaled: Dataset, found: Sequence[Fit]) -> Look | None:
     like, port = library()[name].nearest, in_words(law.hypothesis.causes[0].partition(":")[2])
     assert like is not None  # of every law that is learnt
     words = (
-        f"{like(_own(law, name, scaled, law.z))} at the port {port} explains the records better than"
-        f" {named(str(rival.hypothesis))} does, if not so much better as to take its place: look there first"
+        f"The records are explained better by {like(_own(law, name, scaled, law.z))} at the port {port} than by"
+        f" {named(str(rival.hypothesis))}, if not so much better as to take its place: look there first."
     )
     return replace(look, words=(*look.words, words), doubtful=True)
 
