@@ -1,5 +1,6 @@
 """Laws that are learnt from records: against closed forms, their own elements, and records of a rig that has none."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
 
@@ -15,9 +16,10 @@ from test_elements import assert_alike, rig  # noqa: F401
 from beamdesign import InputError, Prototype, certify, check, read_dataset
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis import learning
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
-from beamdesign.diagnosis.fitting.fit import Fit, fit
+from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, learnable
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import held_out
@@ -184,6 +186,18 @@ def test_what_swings_on_a_tip_is_an_absorber():
     assert abs(force(w)) == pytest.approx(0.4 * w**2 * abs(tied) / abs(tied - w**2), rel=1e-9)
 
 
+def before_laws(data: Dataset, listed: Hypothesis, there: Mapping[str, float] | None = None) -> Search:
+    """Tolerances alone and one listed cause, whose fit begins where figures are as given."""
+    evidence, known = evidence_of(data), []
+    for hypothesis, figures in ((NOTHING, {}), (listed, there or {})):
+        placement = hypothesis.placement(data.prototype)
+        start = np.array([u.z(figures.get(u.name, u.nominal)) for u in placement.unknowns])
+        known.append(fit(hypothesis, placement, evidence, start))
+    null, other = known
+    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
+    return Search(null, (other,), expected, floor, tuple(e.condition for e in evidence))
+
+
 def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_path, monkeypatch):
     """K (x + h x^3) of another program, which shares no equation: the law's cube over its scales is K h.
 
@@ -198,13 +212,7 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     write_case(case, tmp_path)
     data = read_dataset(tmp_path)
     monkeypatch.setattr(learning, "_BESIDE", np.inf)  # so that laws beside a listed cause are learnt as well
-    evidence, known = evidence_of(data), []
-    for hypothesis in (NOTHING, Hypothesis(("parameter:leakage",))):
-        placement = hypothesis.placement(data.prototype)
-        known.append(fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns))))
-    null, listed = known
-    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
+    before = before_laws(data, Hypothesis(("parameter:leakage",)))
     judged = judge(before)
     assert judged.unknown > 0.5
     found = learn(Look(data, before, judged), held_out(data.records))
@@ -228,7 +236,7 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     assert Prototype.model_validate(prototype.model_dump()) == prototype
     # What a record held out says decides: where none is, nothing is learnt.
     assert learn(Look(data, before, judged), ()) is None
-    sure = Look(data, replace(before, null=null), replace(judged, unknown=0.0))
+    sure = Look(data, before, replace(judged, unknown=0.0))
     assert learn(sure, held_out(data.records)) is None
 
 
@@ -255,15 +263,8 @@ def test_a_gain_that_drifts_is_no_wrong_gain(seed, kind, name, drive, figure, la
     case = draw_case(seed, kind, short=True, names=(name,), rig=drive, noise="white" if drive == "lag" else "coloured")
     write_case(case, tmp_path)
     data = read_dataset(tmp_path)
-    evidence = evidence_of(data)
-    known: dict[str, Fit] = {}
-    for hypothesis in (NOTHING, Hypothesis((f"parameter:{figure}",))):
-        placement = hypothesis.placement(data.prototype)
-        known[str(hypothesis)] = fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns)))
-    null, wrong = known.values()
-    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    before = Search(null, (wrong,), expected, floor, tuple(e.condition for e in evidence))
-    judged = replace(judge(before), best=wrong, unknown=0.01)
+    before = before_laws(data, Hypothesis((f"parameter:{figure}",)))
+    judged = replace(judge(before), best=before.fits[0], unknown=0.01)
     found = learn(Look(data, before, judged), held_out(data.records))
     if not law:
         assert found is None
@@ -284,7 +285,6 @@ def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_n
     plan = scenario(0.6)
     plan = plan.but(record=tuple(plan.record[k] for k in (0, 2, 3)))
     data = measured(believed().but(effects={law.names[0]: own}), plan, believed())
-    evidence, known = evidence_of(data), []
     # A mode that takes its share of the compliance from the first, by the eigenvalues of both masses on their springs.
     k, m = (next(u.nominal for u in NOTHING.unknowns(data.prototype) if u.name == f"outer_{of}") for of in PAIR)
     tie = own["mass_kg"] * (2 * pi * own["frequency_Hz"]) ** 2
@@ -295,14 +295,8 @@ def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_n
         "second_beam_mode.frequency_Hz": float(np.sqrt(squares[1])) / (2 * pi),
         "second_beam_mode.compliance_share": soft[1] / soft[0],
     }  # fmt: skip
-    for hypothesis in (NOTHING, mode):
-        placement = hypothesis.placement(data.prototype)
-        start = np.array([u.z(there.get(u.name, u.nominal)) for u in placement.unknowns])
-        known.append(fit(hypothesis, placement, evidence, start if hypothesis.names else 0 * start))
-    null, listed = known
-    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
-    judged = judge(before)
+    before = before_laws(data, mode, there)
+    (listed,), judged = before.fits, judge(before)
     assert judged.best is listed
     assert judged.unknown < 0.1
     assert before.excess(listed) < learning.EXPLAINED
@@ -331,13 +325,8 @@ def test_what_is_listed_is_no_more_than_likely_where_a_law_alone_is_more_probabl
     plan = scenario(0.6)
     plan = plan.but(record=tuple(plan.record[k] for k in (0, 2, 3)))
     data = measured(believed().but(effects={law.names[0]: own}), plan, believed())
-    evidence, known = evidence_of(data), []
-    for hypothesis in (NOTHING, Hypothesis(("mount_compliance",))):
-        placement = hypothesis.placement(data.prototype)
-        known.append(fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns))))
-    null, listed = known
-    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
+    before = before_laws(data, Hypothesis(("mount_compliance",)))
+    (listed,) = before.fits
     monkeypatch.setattr(learning, "EXPLAINED", 0.1)
     assert before.excess(listed) > learning.EXPLAINED
     look = Look(data, before, replace(judge(before), best=listed, unknown=0.2))

@@ -108,8 +108,8 @@ def common_ranges(proved: Sequence[Proved]) -> StabilityMap:
         common = [piece for one in common for two in other.ranges if two.stable and (piece := _both(one, two))]
     common = [piece for one in common if (piece := _given_way(parts, one))]
     gaps = zip((low, *(one.high for one in common)), (*(one.low for one in common), high), strict=True)
-    between = [Range(start, end, None, None, start, False) for start, end in gaps if start < end or not common]
-    filled = sorted((*common, *between), key=attrgetter("low", "high"))
+    unproved = [Range(start, end, None, None, start, False) for start, end in gaps if start < end or not common]
+    filled = sorted((*common, *unproved), key=attrgetter("low", "high"))
     mass = attrgetter("value")
     crossings = tuple(sorted((crossing for found in maps for crossing in found.crossings), key=mass))
     below = max((found.below for found in maps if found.below is not None), key=mass, default=None)

@@ -103,19 +103,22 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     Of several laws the one of the least bandwidth, with those of each in the details; a no where changes between them
     are looked at and not proved.
     """
+    from beamdesign.proofs.certifying import certify as prove
     from beamdesign.synthesis import tuning
-    from beamdesign.synthesis.design_run import certified_laws
 
     kind, rig = options.controller, tuning.limited(prototype, options.controller)
     found = tuning.tune(rig, prototype.asked_kg(), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)
     answers = {}
-    for stage, law, (proof, _) in zip(found.stages, found.each, certified_laws(found)[1], strict=True):
+    for stage, law in zip(found.stages, found.each, strict=True):
         assert law.best is not None
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
-        outputs = law.best.columns() | _between(proof)
-        answers[stage.prototype.name] = Answer(outputs, details, proof.open_between)
+        answer = Answer(law.best.columns(), details)
+        if rig.effects:
+            proof = prove(stage.prototype, *stage.outer_end_mass_kg)
+            answer = replace(answer, outputs=answer.outputs | _between(proof), reason=proof.open_between)
+        answers[stage.prototype.name] = answer
     answer = of_all(answers)
     if found.switching is None or found.yes:
         return answer
