@@ -26,9 +26,9 @@ _TRIED = 3
 """In how many variables it is tried to cut a piece: those along which p moves farthest."""
 _NARROWEST_SHARE = 2.0**-40
 _NARROWEST_BAND = 1e-10
+"""A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
 _LEAST_BAND = 1e-200
 """rad/s; below it there is no decimal between two floats."""
-"""A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
 
 _LEADING_RATIO = 100
 """Where the leading coefficient varies by more than this, smaller boxes are better than high frequencies."""
