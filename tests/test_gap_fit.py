@@ -425,7 +425,7 @@ def test_a_fit_is_the_least_of_cost_with_few_derivatives(start):
     """As scipy's least squares find it, with the priors as residuals; derivatives are worked out but now and then."""
     times = np.linspace(0, 3, 40)
     piece = Decaying(times, np.exp(-0.7 * times) + 0.01 * np.sin(9 * times))
-    wide = SimpleNamespace(unknowns=(SimpleNamespace(bounds=(-9.0, 9.0)),) * 2)
+    wide = SimpleNamespace(unknowns=(SimpleNamespace(bounds=(-9.0, 9.0), linear=True),) * 2)
     found = fit(NOTHING, wide, [piece], np.array(start))
     assert piece.sloped <= 4  # 5 to 10 where every step has its own
     best = least_squares(lambda z: np.append(piece.residual(wide, z), z), start, xtol=1e-14, ftol=1e-14)
@@ -450,9 +450,20 @@ class Endless(Fitted):
         return 1e4 * np.exp(-z / 100), np.diag(-1e2 * np.exp(-z / 100))
 
 
+def test_a_figure_of_small_tolerance_is_found_however_many_of_these_it_is_off():
+    """By its posterior mean (Bishop, equation 3.53): 90 tolerances of 1 % off, where fits stopped after 48 of them."""
+    unknowns = tuple(SimpleNamespace(bounds=(-np.inf, np.inf), linear=False, spread=s) for s in (0.01, 0.3))
+    h = np.array([[30.0, 1.0], [2.0, 50.0], [7.0, 3.0]])
+    piece = Straight(h, h @ np.array([90.0, 1.5]))
+    found = fit(NOTHING, SimpleNamespace(unknowns=unknowns), [piece], np.zeros(2))
+    exact = np.linalg.solve(np.eye(2) + h.T @ h, h.T @ piece.y)
+    np.testing.assert_allclose(found.z, exact, rtol=1e-3)
+
+
 def test_a_slope_that_never_ends_is_left_after_so_many_steps():
     """Where each step kept its promise, figures went to where no rig is, and models to thousands of steps a sample."""
-    wide, piece = SimpleNamespace(unknowns=(SimpleNamespace(bounds=(-1e3, 1e3)),)), Endless()
+    unknown = SimpleNamespace(bounds=(-1e3, 1e3), linear=False, spread=0.3)
+    wide, piece = SimpleNamespace(unknowns=(unknown,)), Endless()
     found = fit(NOTHING, wide, [piece], np.zeros(1), 5)
     assert piece.looked <= 2 * 5
     assert 10 < found.z[0] <= 2 * 2 * 5

@@ -64,10 +64,15 @@ def evidence(found: Fit, spread: float) -> float:
 
 
 def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[int] | None = None) -> float:
-    """About the optimum under other priors than those of the fit, or for less evidence, as its own quadratic has it."""
+    """About the optimum under other priors than those of the fit, or for less evidence, as its own quadratic has it.
+
+    For all of it the fit is where its own cost is least: a slope that it has left is that of a bound, or of a fit that
+    was broken off, and promises nothing.
+    """
     shares = found.shares if kept is None else [found.shares[k] for k in kept]
     a = sum((s.a for s in shares), np.zeros(2 * found.z.shape)) / spread + np.diag(precision)
-    slope = sum((s.g for s in shares), np.zeros_like(found.z)) / spread + precision * found.z
+    g = -found.z if kept is None else sum((s.g for s in shares), np.zeros_like(found.z))
+    slope = g / spread + precision * found.z
     misfit = sum(s.c for s in shares) / spread + float(precision @ found.z**2)
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(slope))):
         return -np.inf

@@ -16,8 +16,10 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.fit_cache import FitCache
-from beamdesign.diagnosis.fitting.search import Search, search
+from beamdesign.diagnosis.fitting.fit_cache import FitCache, Task
+from beamdesign.diagnosis.fitting.fitters import Fitters
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.plant.assembly import pace
@@ -95,13 +97,16 @@ def what_passed(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
 def without_one(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
     """Search again without the record that is least explained beside all others, whatever it is that it shows.
 
+    What explains the others may explain it as well, where no fit to all of them has found the way there.
+
     Args:
         look: the first search.
         workers: processes.
         progress: told the share done and what is being fitted.
 
     Returns:
-        None where too few records are left, or nothing explains these: neither a cause nor tolerances.
+        None where too few records are left, or nothing explains these, neither a cause nor tolerances; with all
+        records, and no word, where what explains these explains that one too.
     """
     records = look.data.records
     *_, best = _candidates(look.search)
@@ -117,8 +122,20 @@ def without_one(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
         " or is it driven as no other?), so that it is left out. Take it once more: if that comes"
         " out alike, the rig does so by itself"
     )
-    known = Look(data, found, judged, (words,), own, doubtful=True)
-    return known.after(look) if judged.unknown <= _MOST_UNKNOWN else None
+    if judged.unknown > _MOST_UNKNOWN:
+        return None
+    return _with(look, judged.best) or Look(data, found, judged, (words,), own, doubtful=True).after(look)
+
+
+def _with(look: Look, explains: Fit) -> Look | None:
+    """The look with a fit that begins at what explains a part of its records; None where the whole stays unknown."""
+    found = look.search
+    with Fitters(look.data, 1, look.kept) as fitters:
+        each = best_of_each([found.null, *found.fits, *fitters.each(Task(explains.hypothesis, explains.values))])
+    null = next(fit for fit in each if fit.hypothesis == NOTHING)
+    found = replace(found, null=null, fits=tuple(fit for fit in each if fit is not null))
+    judged = judge(found)
+    return replace(look, search=found, judged=judged) if judged.unknown <= _MOST_UNKNOWN else None
 
 
 def _candidates(found: Search) -> Iterator[Fit]:

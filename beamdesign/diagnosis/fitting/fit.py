@@ -21,7 +21,8 @@ from beamdesign.time_limit import heed
 
 ITERATIONS = 12
 _SETTLED = 2e-4  # relative fall of the cost at which a fit has settled
-_FURTHEST = 2.0  # in z, per iteration
+_FURTHEST = 2.0  # in z, of a step; where steps lead to what was promised, twice as far each time,
+_WIDEST = 0.6  # but no further than this of a logarithm: a figure may be off by many times a small tolerance
 _ASTRAY = 0.3  # of the fall that slopes promise: where it is off by more, they are others
 _LITTLE = 1.0  # of the cost, so one standard deviation: no further than this from where they were worked out
 _STEPS = 2  # for each working out of derivatives: on a slope that never ends figures would go beyond all rigs
@@ -185,13 +186,15 @@ def fit(
     nowhere = _Point(np.clip(start, low, high))
     if (here := nowhere.anew(evidence, placement)) is None:
         return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable where the fit begins")
-    damping, steps = 1e-3, 0
+    widest = np.array([_FURTHEST if u.linear else max(_FURTHEST, _WIDEST / u.spread) for u in placement.unknowns])
+    damping, furthest, steps = 1e-3, _FURTHEST, 0
     while here.worked_out <= iterations and steps < _STEPS * iterations and damping <= _MOST_DAMPING:
-        trial, promised = here.step(damping, low, high)
+        reach = np.minimum(furthest, widest)
+        trial, promised = here.step(damping, reach, low, high)
         found = residuals_at(evidence, placement, trial, here.cost) if np.any(trial != here.z) else None
         if found is None:
             if not here.stale:
-                damping *= 10
+                damping, furthest = damping * 10, _FURTHEST
             elif (fresh := here.anew(evidence, placement)) is not None:
                 here = fresh
             else:
@@ -200,13 +203,14 @@ def fit(
         damping, steps = max(damping / 10, _LEAST_DAMPING), steps + 1
         before, here = here, here.moved(evidence, trial, found)
         fall = before.cost - here.cost
-        settled = fall < _SETTLED * before.cost
-        if here.far if settled else abs(fall - promised) > _ASTRAY * promised:
+        settled, astray = fall < _SETTLED * before.cost, abs(fall - promised) > _ASTRAY * promised
+        furthest = _FURTHEST if astray else 2 * furthest
+        if here.far if settled else astray:
             if (fresh := here.anew(evidence, placement)) is None:
                 here = before  # no further than where the slopes are known
                 break
             here = fresh
-            settled = settled and here.step(damping, low, high)[1] < _SETTLED * here.cost
+            settled = settled and here.step(damping, reach, low, high)[1] < _SETTLED * here.cost
         if settled:
             break
     if here.far:
@@ -244,10 +248,10 @@ class _Point:
         """Whether it is so far from there that they may say something else about the fit."""
         return self.sloped - self.cost > _LITTLE
 
-    def step(self, damping: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    def step(self, damping: float, reach: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
         """The point (K,) to try next, and by how much the cost is promised to fall there."""
         slope, curvature = self.z + sum(s.g for s in self.shares), np.eye(len(self.z)) + sum(s.a for s in self.shares)
-        trial = _step(self.z, slope, curvature, damping, low, high)
+        trial = _step(self.z, slope, curvature, damping, reach, low, high)
         move = trial - self.z
         return trial, -float(2 * slope @ move + move @ curvature @ move)
 
@@ -280,9 +284,15 @@ class _Point:
 
 
 def _step(
-    z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+    z: np.ndarray,
+    slope: np.ndarray,
+    curvature: np.ndarray,
+    damping: float,
+    reach: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
 ) -> np.ndarray:
-    """A damped Newton step within bounds: what a bound stops is held there, the rest is solved again."""
+    """A damped Newton step within reach and bounds: what a bound stops is held there, the rest is solved again."""
     held = ((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0))
     move = np.zeros_like(z)
     for _ in range(len(z)):
@@ -301,8 +311,8 @@ def _step(
         at = np.where(z + move < low, low, high)
         z = np.where(out, at, z)
         held = held | out
-    largest = float(np.abs(move).max(initial=0.0))
-    return np.clip(z + move * min(1.0, _FURTHEST / max(largest, 1e-12)), low, high)
+    beyond = float((np.abs(move) / reach).max(initial=1.0))
+    return np.clip(z + move / beyond, low, high)
 
 
 def linearised(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray) -> Rows | None:
