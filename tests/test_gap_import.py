@@ -287,6 +287,15 @@ def decibels(values: np.ndarray) -> np.ndarray:
             (HERTZ / 1e3, 1e3 * abs(S * COMPLIANCE), np.angle(S * COMPLIANCE, deg=True), 0.9 + 0 * HERTZ),
         ),
         (
+            "Frequency [Hz],abs coherence,Mobility [(m/s)/N],Phase [deg]",
+            (HERTZ, 0.9 + 0 * HERTZ, abs(S * COMPLIANCE), np.angle(S * COMPLIANCE, deg=True)),
+        ),
+        ("Frequency,Inertance,Phase", (HERTZ, abs(S**2 * COMPLIANCE), np.angle(S**2 * COMPLIANCE, deg=True))),
+        (
+            "Frequency [Hz],Magnitude inner [m/N],Phase inner [deg],Magnitude tip [m/N],Phase tip [deg]",
+            (HERTZ, 1 + HERTZ, 9 * HERTZ, abs(COMPLIANCE), np.angle(COMPLIANCE, deg=True)),
+        ),
+        (
             "Frequency [Hz],Compliance [in/lbf],Phase [deg]",
             (HERTZ, abs(COMPLIANCE) / 0.0254 * 4.4482216152605, np.angle(COMPLIANCE, deg=True)),
         ),
@@ -309,6 +318,10 @@ def test_frequency_responses_in_columns(tmp_path: Path, head: str, columns: tupl
         ("Frequency [Hz],Force [N],Phase [deg]", "neither a magnitude nor a real and an imaginary part"),
         ("Frequency [Hz],Magnitude [dB re 1 furlong/N],Phase [deg]", "'furlong/N' is no motion over a force"),
         ("Frequency [Hz],Magnitude [dB],Phase [turns]", "phases in 'turns'; known are deg and rad"),
+        (
+            "Frequency [Hz],Mag A [m/N],Mag B [m/N]",
+            "its magnitude may be 'Mag A' or 'Mag B': leave the response of the ou",
+        ),
         ("Frequency [1/min],Magnitude [dB],Phase [deg]", "frequencies in '1/min'; known are Hz"),
     ],
 )
@@ -484,6 +497,126 @@ def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None
     assert "signal [V]" in told["current_A"]
     assert "what another recorder wrote goes into it first" in told["displacement_m"]
     assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize("name", ["u", "u_V", "U"])
+def test_a_command_called_u_is_one(tmp_path: Path, motion: dict[str, np.ndarray], name: str) -> None:
+    same(taken(table(tmp_path / "a.csv", f"t,F,{name},i,x", [*motion.values()])), motion)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (
+            "t_s,Load cell [mV],command_V,current_A,displacement_m",
+            "disturbance_N: may be 'Load cell', by its name, .* 'mV'",
+        ),
+        (
+            "t_s,disturbance_N,Setpoint [mm],current_A,displacement_m",
+            "command_V: may be 'Setpoint', by its name, .* 'mm'",
+        ),
+        ("t_s,shaker_N,command_V,current_A,displacement_m", "disturbance_N: may be 'shaker_N', by its unit"),
+    ],
+)
+def test_an_input_that_may_be_there_is_not_taken_as_zero(
+    tmp_path: Path, motion: dict[str, np.ndarray], head: str, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        taken(table(tmp_path / "a.csv", head, [*motion.values()]))
+
+
+def test_columns_that_are_not_taken_are_told(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    columns = [*motion.values(), 20 + TIMES, 0 * TIMES]
+    found = imported(table(tmp_path / "a.csv", f"{','.join(motion)},Temp [°C],status", columns))
+    assert found.rows()[-1] == ("a.csv", "", "Temp [°C], status", "not taken")
+
+
+def test_matlab_numbers_without_an_imaginary_part_are_numbers(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    savemat(tmp_path / "a.mat", {"a": motion | {"disturbance_N": motion["disturbance_N"] + 0j}})
+    same(taken(tmp_path / "a.mat"), motion)
+
+
+def test_a_row_that_was_lost_keeps_its_place(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """Where the interval is stated, rows of nothing but commas and rows that are commented out are splines."""
+    rows = [",".join(f"{x:.12g}" for x in row) for row in zip(*list(motion.values())[1:], strict=True)]
+    rows[100], rows[200] = ",,,", "# 9000,0,0,0"
+    (tmp_path / "a.csv").write_text("\n".join([",".join(list(motion)[1:]), *rows, ",,,", "# the end"]) + "\n")
+    found = taken(tmp_path / "a.csv", "t_s = 0.001 [s]")
+    assert len(found.times) == len(TIMES)
+    for name in ("current_A", "displacement_m"):
+        assert found.measured[name] == pytest.approx(motion[name], abs=1e-3 * np.ptp(motion[name]))
+
+
+def test_a_row_that_is_commented_out_is_lost_where_there_are_times(
+    tmp_path: Path, motion: dict[str, np.ndarray]
+) -> None:
+    rows = [",".join(f"{x:.12g}" for x in row) for row in zip(*motion.values(), strict=True)]
+    rows[200] = f"# {TIMES[200]},9000,0,0,0"
+    (tmp_path / "a.csv").write_text("\n".join([",".join(motion), *rows]) + "\n")
+    found = taken(tmp_path / "a.csv")
+    assert found.inputs[:, 0] == pytest.approx(motion["disturbance_N"], abs=0.2)
+
+
+def test_a_value_that_a_recorder_repeats_is_one_value(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """A force at a quarter of the rate, held between; the command of a sampled controller is held itself."""
+    motion["disturbance_N"] = 100 * np.cos(2 * np.pi * 5 * TIMES)
+    held = motion | {name: np.repeat(motion[name][::4], 4) for name in ("disturbance_N", "command_V")}
+    found = imported(table(tmp_path / "a.csv", ",".join(motion), [*held.values()]))
+    (record,), last = found.dataset.records, len(TIMES) - 3
+    assert record.inputs[:, 0] == pytest.approx(motion["disturbance_N"][:last], abs=0.02)
+    assert record.inputs[:, 1] == pytest.approx(held["command_V"][:last], abs=1e-9)
+    assert "repeat the last, 3 of 4" in {row[1]: row[3] for row in found.rows()}["disturbance_N"]
+    steps = motion | {"disturbance_N": 50.0 * np.sign(np.sin(2 * np.pi * TIMES / 0.016 + 0.1))}  # a load that steps
+    same(
+        import_measured(
+            [table(tmp_path / "b.csv", ",".join(motion), [*steps.values()])], RIG, tmp_path / "b"
+        ).dataset.records[0],
+        steps,
+    )
+
+
+@pytest.mark.parametrize("comma", ["1,234", "999,5"])
+def test_numbers_with_points_and_with_commas_are_refused(
+    tmp_path: Path, motion: dict[str, np.ndarray], comma: str
+) -> None:
+    rows = [";".join(f"{x:.12g}" for x in row) for row in zip(*motion.values(), strict=True)]
+    rows[9] = f"{TIMES[9]};{comma};0.1;0.1;0.1"
+    (tmp_path / "a.csv").write_text("\n".join([";".join(motion), *rows]))
+    with pytest.raises(InputError, match="a decimal point and numbers with a comma"):
+        taken(tmp_path / "a.csv")
+
+
+def test_a_name_with_a_comma_of_its_own_shifts_no_unit(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    head = "t [s],force [N],cmd [V],current [A],displacement, tip [mm]"
+    columns = [*list(motion.values())[:4], 1e3 * motion["displacement_m"]]
+    with pytest.raises(InputError, match="has 6 cells right above its numbers, whose rows have 5"):
+        taken(table(tmp_path / "a.csv", head, columns))
+    quoted = head.replace("displacement, tip [mm]", '"displacement, tip [mm]"')
+    same(taken(table(tmp_path / "a.csv", quoted, columns)), motion)
+
+
+@pytest.mark.parametrize(
+    "above",
+    ["Test 12,,,,\nt_s,F_N,cmd_V,i_A,x_m", "Time,Force,Command,Current,Displacement\nseconds,Newtons,Volts,amps,m"],
+)
+def test_names_and_units_are_told_apart(tmp_path: Path, motion: dict[str, np.ndarray], above: str) -> None:
+    """A title that a spreadsheet fills up with commas is no row of names, and units may be words."""
+    same(taken(table(tmp_path / "a.csv", above, [*motion.values()])), motion)
+
+
+def test_a_channel_that_begins_later_cuts_the_record(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    rows = [[f"{x:.12g}" for x in row] for row in zip(*motion.values(), strict=True)]
+    for row in rows[:10]:
+        row[4] = ""
+    (tmp_path / "a.csv").write_text("\n".join([",".join(motion), *(",".join(row) for row in rows)]))
+    cut = {name: values[10:] for name, values in motion.items()} | {"t_s": TIMES[: len(TIMES) - 10]}
+    same(taken(tmp_path / "a.csv"), cut)
+
+
+def test_a_file_is_not_imported_twice(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    path = table(tmp_path / "a.csv", ",".join(motion), [*motion.values()])
+    with pytest.raises(InputError, match=r"a\.csv stands there more than once"):
+        import_measured([path, tmp_path / "." / "a.csv"], RIG, tmp_path / "set")
 
 
 def test_names_that_follow_one_another_stay_apart(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:

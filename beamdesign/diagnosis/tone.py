@@ -5,7 +5,7 @@ record allows, at the same frequency and of about the same amplitude in small re
 the records, so that what explains the rest is not weighed against it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, pi, sqrt
 from typing import NamedTuple
@@ -174,11 +174,13 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
         if any(abs(tone.frequency_Hz - other) < beside for other in taken):
             return data, (), False
         taken.append(tone.frequency_Hz)
+        # Where others are too small to be seen, they are too small to count.
+        sines = {k: _sines(p, left[k], tone.frequency_Hz) for k, p in enumerate(pieces) if p.name in tone.having}
+        if not _recorded(pieces, sines):
+            break
         hearing = 0
-        for k, piece in enumerate(pieces):
-            if piece.name not in tone.having:  # too small to be seen, and too small to count
-                continue
-            made = _sines(piece, left[k], tone.frequency_Hz)
+        for k, made in sines.items():
+            piece = pieces[k]
             hearing += _in_the_loop(piece, left[k], tone.frequency_Hz)
             left[k] = left[k] - counted[k] * made
             own = dict(zip(piece.weight.channels, made.T, strict=True))
@@ -189,6 +191,17 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
         words.append(f"{tone.sentence} It is taken off the records before they are weighed{heard}.")
         any_in_loop = any_in_loop or in_loop
     return replace(data, records=tuple(records)) if words else data, tuple(words), any_in_loop
+
+
+def _recorded(pieces: Sequence[RecordEvidence], sines: Mapping[int, np.ndarray]) -> bool:
+    """Whether displacements lose by their sines what these hold; a model's own tone, which they lack, they would gain.
+
+    Args:
+        pieces: of which the records are.
+        sines: (N, C) by the position of a piece.
+    """
+    own = [(pieces[k].measured[:, pieces[k].column], made[:, pieces[k].column]) for k, made in sines.items()]
+    return sum(float(motion @ sine) for motion, sine in own) > sum(float(sine @ sine) for _, sine in own) / 2
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

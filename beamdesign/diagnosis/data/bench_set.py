@@ -5,7 +5,7 @@ one condition come from one run or from two.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -28,7 +28,7 @@ from beamdesign.result import Result
 LEAST_SAMPLES = 200
 _STEP = 3.0
 _LONGEST_S = 0.5  # between samples: a steady speed asks for no rate, and 1 kHz in ms is steps of 1
-ONE_COMMAND = 0.05
+_ONE_COMMAND = 0.05
 """Relative difference of commands of one condition."""
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
 _SLOW = 500  # times as long as without load: a thousand times in mV, and overlap leaves of a speed what it may
@@ -142,7 +142,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
     for condition, sign in product(conditions, (1, -1)):
         volts = [_last(run, sign)[2] for run in runs if run.condition == condition]
-        if np.ptp(volts) > ONE_COMMAND * np.max(np.abs(volts)):
+        if np.ptp(volts) > _ONE_COMMAND * np.max(np.abs(volts)):
             words = f"{condition} has runs at {min(volts):g} and at {max(volts):g} V"
             alone.append(Problem("record.condition", f"{words}; what belongs together has one command"))
     if alone:
@@ -258,3 +258,18 @@ def _odd(run: BenchRun) -> Iterator[str]:
             if _clipped(values, extreme):
                 share = 100 * float(np.mean(values == extreme))
                 yield f"{run.name}: {name} is clipped at {extreme:g} ({share:.0f} % of its samples)"
+
+
+def runs_of(tables: Mapping[str, Mapping[str, np.ndarray]]) -> list[dict[str, object]]:
+    """Entries of the runs of a bench: those with the same commands out and back are replicates of one condition."""
+    found, conditions, count = list[dict[str, object]](), dict[str, tuple[float, ...]](), Counter[tuple[str, str]]()
+    for file, table in tables.items():
+        last = {volts > 0: volts for _, _, volts in stretches(held_commands(table["command_V"]))}
+        own = tuple(float(f"{last.get(way, 0.0):.3g}") for way in (True, False))
+        alike = (name for name, volts in conditions.items() if np.allclose(own, volts, rtol=_ONE_COMMAND / 2))
+        name = next(alike, f"{own[0]:g} V" if own[0] == -own[1] else f"{own[0]:g} V out, {own[1]:g} V back")
+        conditions.setdefault(name, own)
+        each = [(name, column) for column in table if column.startswith("pressure")]
+        count.update(each)
+        found.append({"file": file, "condition": name, "replicate": max((count[one] for one in each), default=1)})
+    return found

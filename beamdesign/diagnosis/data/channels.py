@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype
 from beamdesign.diagnosis.data.dataset import INPUTS
-from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, unit_of
+from beamdesign.diagnosis.data.measured_files import UNITS, Column, in_SI, unit_of
 from beamdesign.plant.actuators import FELT
 from beamdesign.records import InputError
 
 _RECORD = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s|^x[_ ]?values?$"),
     "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|forza|fuerza|hammer|^f(_?d)?$"),
-    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll|consign|comando"),
+    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll|consign|comando|^u$"),
     "current_A": ("A", r"current|strom|courant|corr(i)?ente|^i(_?sv)?$|valve"),
     "inner_displacement_m": ("m", r"inner"),
     "displacement_m": ("m", r"displ|d[eé]plac|desplaz|spostam|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
@@ -66,18 +66,25 @@ class Channels:
 
     def alike(self, channel: str, columns: Sequence[Column]) -> list[Column]:
         """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
-        unit, pattern = self.known[channel]
         known = ("", *self.units(channel))
         others = self.known.keys() - {channel}  # a column of such a name is of that channel
         fits = [one for one in columns if one.name not in others and (unit_of(one.unit) if one.unit else "") in known]
-        by_name = [one for one in fits if one.name == channel] or [
-            one for one in fits if re.search(pattern, self._stem(channel, one.name.rpartition(".")[2]), re.IGNORECASE)
-        ]
-        if anothers := _ANOTHERS.get(channel):
-            by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
+        by_name = [one for one in fits if one.name == channel] or self.by_name(channel, fits)
         if by_name or channel not in (*self.needed, *self.asked):
             return by_name
-        return [one for one in fits if one.unit and unit_of(one.unit) == unit]
+        return self.by_unit(channel, fits)
+
+    def by_name(self, channel: str, columns: Sequence[Column]) -> list[Column]:
+        """Columns whose names look like that of a channel, and like no other's, in whatever unit they are."""
+        stems = ((one, self._stem(channel, one.name.rpartition(".")[2])) for one in columns)
+        found = [one for one, stem in stems if re.search(self.known[channel][1], stem, re.IGNORECASE)]
+        anothers = _ANOTHERS.get(channel)
+        return [one for one in found if not (anothers and re.search(anothers, one.name, re.IGNORECASE))]
+
+    def by_unit(self, channel: str, columns: Sequence[Column]) -> list[Column]:
+        """Columns in the unit of a channel, stated or at the end of their names."""
+        said = ((one, one.unit or self.ending(channel, one.name)) for one in columns)
+        return [one for one, unit in said if unit and unit_of(unit) == self.known[channel][0]]
 
     def ending(self, channel: str, name: str) -> str:
         """The unit of a channel that a name ends in, as in `force_kN` or `t_ms`; empty where it ends in none."""
@@ -92,10 +99,11 @@ class Channels:
         own, per_m = self.known[channel][0], self.sensor_V_per_m
         if not unit:
             return 1.0, f"no unit stated: taken as {own}"
-        if (measures := unit_of(unit)) == own:
-            return UNITS[own][unit.translate(SPELT)], ""
+        measures, factor = in_SI(unit)
+        if measures == own:
+            return factor, ""
         if measures in self.units(channel):
-            return UNITS["V"][unit.translate(SPELT)] / per_m, f"volts over the believed {per_m:g} V/m"
+            return factor / per_m, f"volts over the believed {per_m:g} V/m"
         words = f"{channel} is measured in {', '.join(UNITS[own])}"
         return None, f"{words}; state the unit, --column '{channel} = NAME [UNIT]'"
 

@@ -20,7 +20,7 @@ import tomli_w
 from beamdesign.arguments import takes
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_any_prototype
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, held_commands, read_bench_set, stretches
+from beamdesign.diagnosis.data.bench_set import BenchSet, read_bench_set, runs_of
 from beamdesign.diagnosis.data.channels import NOTHING, Channels, asked, channels_of
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import (
@@ -54,7 +54,7 @@ class Taken:
     """What became of one channel.
 
     Attributes:
-        channel: column of the record.
+        channel: column of the record; empty for columns that were not taken.
         name: of the column it is from; empty where it is zero throughout.
         unit: that it was taken in.
         factor: it was multiplied by, sign included.
@@ -73,7 +73,7 @@ class Taken:
         """Channel, what it is from, and what was assumed."""
         factor = "" if self.factor == 1 else f" x {self.factor:.6g}"
         offset = f", {self.offset:.4g} taken off" if self.offset else ""
-        source = f"{self.name} [{self.unit}]{factor}{offset}" if self.name else "0"
+        source = f"{self.name}{f' [{self.unit}]' * bool(self.unit)}{factor}{offset}" if self.name else "0"
         return self.channel, source, self.words
 
 
@@ -131,6 +131,8 @@ def import_measured(
     """
     prototype, out = Path(prototype), Path(out)
     files = [files] if isinstance(files, Path | str) else files
+    if twice := [str(path) for path, count in Counter(Path(f).resolve() for f in files).items() if count > 1]:
+        raise InputError("gap import", [("FILES", f"{', '.join(twice)} stands there more than once")])
     if (out / "dataset.toml").exists():
         raise InputError(out, [("--out", "holds a data set already, which is not written over; name another folder")])
     model = read_any_prototype(prototype)
@@ -163,7 +165,7 @@ def import_measured(
         reason = f"holds {', '.join(there)} already, which is not written over; name another folder"
         raise InputError(out, [("--out", reason)])
     if bench:
-        entries["record"] = _runs(tables)
+        entries["record"] = runs_of(tables)
     rig = {"rig": model.rig} if bench else {}
     listed = {key: rows for key, rows in entries.items() if rows}
     index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml", **listed}
@@ -213,21 +215,6 @@ def _stated(
         {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner} | ({"controller": law} if law else {})
         for mass, law in zip(masses, laws, strict=True)
     ]
-
-
-def _runs(tables: Mapping[str, Mapping[str, np.ndarray]]) -> list[dict[str, object]]:
-    """Entries of the runs of a bench: those with the same commands out and back are replicates of one condition."""
-    found, conditions, count = list[dict[str, object]](), dict[str, tuple[float, ...]](), Counter[tuple[str, str]]()
-    for file, table in tables.items():
-        last = {volts > 0: volts for _, _, volts in stretches(held_commands(table["command_V"]))}
-        own = tuple(float(f"{last.get(way, 0.0):.3g}") for way in (True, False))
-        alike = (name for name, volts in conditions.items() if np.allclose(own, volts, rtol=ONE_COMMAND / 2))
-        name = next(alike, f"{own[0]:g} V" if own[0] == -own[1] else f"{own[0]:g} V out, {own[1]:g} V back")
-        conditions.setdefault(name, own)
-        each = [(name, column) for column in table if column.startswith("pressure")]
-        count.update(each)
-        found.append({"file": file, "condition": name, "replicate": max((count[one] for one in each), default=1)})
-    return found
 
 
 def _acted(
@@ -283,7 +270,7 @@ def _record(
     """Columns, what they are from, and what was done to them."""
     table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
     chosen, signs = dict[str, Column](), dict[str, float]()
-    free = list(found.columns)
+    free, there = list(found.columns), f"the file has {_listed(found.columns)}"
     for channel, ways in named.items():
         meant = [(column, way) for way in ways for column in _called(*way[:2], found)]
         numbers = [way for way in ways if NUMBER.match(way[0])]
@@ -300,7 +287,7 @@ def _record(
             are = f"are {len(meant)} columns" if meant else "is no column"
             which = ": name one with its own unit, as NAME [UNIT], or rename one in the file" if meant else ""
             names = " or ".join(repr(name) for name, _, _ in ways)
-            wrong.append(Problem(channel, f"there {are} {names}{which}; {_there(found)}"))
+            wrong.append(Problem(channel, f"there {are} {names}{which}; {there}"))
     for channel in (one for one in channels.known if one not in named):
         alike = channels.alike(channel, free)
         if len(alike) == 1:
@@ -316,16 +303,22 @@ def _record(
             if channel in channels.needed:
                 none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else _ANOTHER
             how = f"name it, --column '{channel} = NAME [UNIT]'{none}"
-            wrong.append(Problem(channel, f"{which}: {how}; {_there(found)}"))
+            wrong.append(Problem(channel, f"{which}: {how}; {there}"))
     if channels.either and not {*channels.either} & {*chosen, *(problem.key for problem in wrong)}:
         how = f"--column '{channels.either[0]} = NAME [UNIT]'"
         words = f"is not told by any name, and no other of {', '.join(channels.either)}: name one, {how}"
-        wrong.append(Problem(channels.either[0], f"{words}; {_there(found)}"))
-    for channel in (one for one in channels.inputs if one not in chosen and one not in named):
-        if perhaps := [repr(one.name) for one in free if one.unit and unit_of(one.unit) == channels.known[channel][0]]:
-            which = f"may be {' or '.join(perhaps)}, by its unit"
-            none = f"or say that there is none, --column '{channel} = {NOTHING}'"
-            wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]', {none}"))
+        wrong.append(Problem(channels.either[0], f"{words}; {there}"))
+    asked_for = {*chosen, *named, *(problem.key for problem in wrong)}
+    for channel in (one for one in channels.inputs if one not in asked_for):
+        why, how = "by its unit", f"name it, --column '{channel} = NAME [UNIT]'"
+        if not (perhaps := channels.by_unit(channel, free)) and (perhaps := channels.by_name(channel, free)):
+            why = f"by its name, though not by its unit {perhaps[0].unit!r}"
+            how = f"give it in {', '.join(UNITS[channels.known[channel][0]])}"
+        if perhaps:
+            which, none = " or ".join(repr(one.name) for one in perhaps), f"--column '{channel} = {NOTHING}'"
+            wrong.append(Problem(channel, f"may be {which}, {why}: {how}, or say that there is none, {none}"))
+    # A row without a time is none; where the interval is stated instead, it is a sample that was lost.
+    rows = ~np.all([np.isnan(column.values) for column in chosen.values()] or [[]], axis=0)
     for channel, column in chosen.items():
         said = column.unit or channels.ending(channel, column.name)
         factor, words = channels.factor(channel, said)
@@ -333,10 +326,11 @@ def _record(
             wrong.append(Problem(channel, f"{column.name!r} is in {said!r}: {words}"))
             continue
         sign = signs.get(channel, 1.0)
-        table[channel] = sign * factor * column.values
-        missing = ~np.isfinite(column.values) if channel == "t_s" else np.isinf(column.values)
+        values = column.values[rows]
+        table[channel] = sign * factor * values
+        missing = ~np.isfinite(values) if channel == "t_s" else np.isinf(values)
         if lost := np.flatnonzero(missing).tolist():
-            first = f"the first is number {lost[0] + 1} of {len(column.values)}"
+            first = f"the first is number {lost[0] + 1} of {len(values)}"
             wrong.append(Problem(channel, f"{column.name!r} has {len(lost)} values that are not finite: {first}"))
         taken.append(Taken(channel, column.name, said or channels.known[channel][0], sign * factor, 0.0, words))
     if wrong:
@@ -357,6 +351,8 @@ def _record(
     for channel in (one for one in channels.inputs if one not in table):
         table[channel] = np.zeros(len(table["t_s"]))
         taken.append(Taken(channel, "", words="no column: taken as zero"))
+    if free:
+        taken.append(Taken("", _listed(free), words="not taken"))
     return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken), [*notes.values()]
 
 
@@ -366,9 +362,8 @@ def _called(name: str, unit: str, found: Measured) -> list[Column]:
     return alike if len(alike) == 1 else [column for column in alike if unit in ("", column.unit)] or alike
 
 
-def _there(found: Measured) -> str:
-    names = ", ".join(f"{one.name} [{one.unit}]" if one.unit else one.name for one in found.columns)
-    return f"the file has {names}"
+def _listed(columns: Sequence[Column]) -> str:
+    return ", ".join(f"{one.name} [{one.unit}]" if one.unit else one.name for one in columns)
 
 
 def _compliance(found: Response, path: Path) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:

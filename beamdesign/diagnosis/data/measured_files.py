@@ -19,8 +19,8 @@ import numpy as np
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.records import InputError
 
-_FEWEST, _LONGEST_UNIT, _SHOWN = 3, 6, 80
-_IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
+_FEWEST, _LONGEST_UNIT, _ABBREVIATED, _SHOWN = 3, 6, 3, 80
+_IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>([^\[\]()]|\([^()]*\))*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
 _IN_WORDS = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)\s*$")
 NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
 _TIME = r"\d?\d:\d\d:\d\d([.,]\d+)?"
@@ -28,6 +28,7 @@ _DAY = r"(\d{1,2}[./]\d{1,2}[./](\d{4}|\d\d)|\d{4}[./]\d{1,2}[./]\d{1,2})"
 _CLOCK = re.compile(
     rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|({_DAY}[T ]\s*)?{_TIME}( ?[AP]M)?|{_DAY})\s*$", re.IGNORECASE
 )
+_NO_COLUMN = ("", "comment", "comments")  # what a row of names may have beyond the numbers
 _VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
 _LBF = 4.4482216152605  # N
@@ -36,7 +37,8 @@ UNITS = {
     "N": {"N": 1.0, "newton": 1.0, "newtons": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": _LBF, "lbs": _LBF, "kgf": 9.80665},
     "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
     "A": {"A": 1.0, "amp": 1.0, "amps": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "mil": 2.54e-5},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "mil": 2.54e-5}
+    | dict.fromkeys(("micron", "microns"), 1e-6),
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
 }
 """By SI unit what others are in it."""
@@ -44,9 +46,16 @@ SPELT = str.maketrans({"µ": "u", "μ": "u"})
 """Of letters in units, those that `UNITS` has in their place."""
 
 
+def in_SI(text: str) -> tuple[str, float]:
+    """The SI unit of what a unit measures, and what it is in it; words in capitals too; empty where it is not known."""
+    spelt = text.translate(SPELT)
+    ways = (spelt, spelt.lower()) if len(spelt) > _ABBREVIATED else (spelt,)
+    return next(((unit, others[way]) for way in ways for unit, others in UNITS.items() if way in others), ("", 0.0))
+
+
 def unit_of(text: str) -> str:
     """The SI unit of what a unit measures; empty where it is not known."""
-    return next((unit for unit, others in UNITS.items() if text.translate(SPELT) in others), "")
+    return in_SI(text)[0]
 
 
 @dataclass(frozen=True)
@@ -121,40 +130,82 @@ def _text(path: Path) -> Measured:
         text = raw.decode("latin-1")
     if "\0" in text:
         raise _refuse(path, "is not text: it holds zero bytes; MATLAB files end in .mat, universal ones in .uff")
-    lines = [stripped for line in text.splitlines() if (stripped := line.lstrip("#% ")).strip(" \t;,")]
+    lines = [line for line in text.splitlines() if line.strip(" ")]
+    while lines and not lines[-1].strip(" \t;,"):
+        del lines[-1]
+    remarks = [line.lstrip().startswith(("#", "%")) for line in lines]
+    lines = [line.lstrip("#% ") for line in lines]
     often = {mark: sum(mark in line for line in lines[-50:]) for mark in ";\t,"}
     for mark in (*sorted((m for m in often if often[m]), key=lambda m: -often[m]), ""):
         rows = _parted(path, lines, mark)
-        first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_VALUE.match, row))), None)
+        aside = remarks if len(rows) == len(lines) else [False] * len(rows)  # a cell in quotes may go on in a new line
+        first = next((k for k, row in enumerate(rows) if len(row) > 1 and not aside[k] and _numbers(row)), None)
         if first is not None and len(rows) - first >= _FEWEST:
             break
     else:
         last = f"; its last line is {lines[-1][:_SHOWN]!r}" if lines else ""
         raise _refuse(path, f"holds no rows of numbers that commas, semicolons, tabs or blanks part{last}")
-    width = len(rows[first])
-    heads = [row[:width] for row in rows[:first] if len(row) in (width, width + 1)]  # a comment may have no column
-    names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
-    units = [""] * width
-    below = [cell.strip().strip("[]()") for cell in heads[-1]] if heads else []
-    if len(heads) > 1 and all(len(cell) <= _LONGEST_UNIT for cell in below):  # a row of units below the names
-        names, units = heads[-2], below
-    clocks = [not NUMBER.match(cell) for cell in rows[first]]
+    width, clocks = len(rows[first]), [not NUMBER.match(cell) for cell in rows[first]]
+    while first and len(rows[first - 1]) == width and not aside[first - 1] and _numbers(rows[first - 1], 1):
+        first -= 1  # what is sampled less often may begin later
+    names, units = _header(path, [row for row in rows[:first] if any(map(str.strip, row))], width)
+    body = [
+        [""] * width if beside else row  # of a row that is commented out the place counts, and nothing else
+        for row, beside in zip(rows[first:], aside[first:], strict=True)
+        if len(row) == width or not (beside or not any(map(str.strip, row)))
+    ]
     kinds = [_CLOCK if clock else NUMBER for clock in clocks]
-    for k, row in enumerate(rows[first:], start=1):
+    for k, row in enumerate(body, start=1):
         if wrong := [cell for kind, cell in zip(kinds, row, strict=False) if cell.strip() and not kind.match(cell)]:
             what = f"no number, such as 1234.5 or 1.2345e3: {wrong[0]!r}"
             raise _refuse(path, f"row {k} of its numbers has a cell that is {what}")
         if len(row) != width:
             raise _refuse(path, f"row {k} of its numbers has {len(row)} cells of {width}")
+    numbers = [cells for cells, clock in zip(zip(*body, strict=True), clocks, strict=True) if not clock]
+    if all(any(decimal in cell for cells in numbers for cell in cells) for decimal in ".,"):
+        raise _refuse(path, "has numbers with a decimal point and numbers with a comma: write thousands without one")
     try:
-        cells = zip(*rows[first:], strict=True)
-        values = [(_seconds if clock else numbers_of)(own) for clock, own in zip(clocks, cells, strict=True)]
+        columns = _columns(names, units, [row for row in body if any(map(str.strip, row))], clocks)
     except ValueError as error:
         raise _refuse(path, f"has a time of day or a date that there is not: {error}") from error
-    columns = [_column(name, unit, of) for name, unit, of in zip(names, units, values, strict=True)]
     if (response := _response_of(path, columns)) is not None:
         return Measured(path, responses=(response,))
-    return Measured(path, tuple(replace(c, unit="s") if clock else c for c, clock in zip(columns, clocks, strict=True)))
+    return Measured(path, columns if any(clocks) else _columns(names, units, body, clocks))
+
+
+def _numbers(row: Sequence[str], least: int | None = None) -> bool:
+    """Whether cells are numbers or times of day; where some may be blank, at least so many."""
+    filled = [cell for cell in row if cell.strip()] if least else row
+    return len(filled) >= (least or 1) and all(map(_VALUE.match, filled))
+
+
+def _header(path: Path, above: Sequence[list[str]], width: int) -> tuple[list[str], list[str]]:
+    """Names and units of columns by the rows above their numbers, one of units perhaps below one of names.
+
+    Raises:
+        InputError: where the last of these rows has more cells than the numbers have: a comment alone has no column.
+    """
+    none = (len(row) == width + 1 and row[-1].strip().lower() in _NO_COLUMN for row in above)
+    heads = [row[:width] for row, comment in zip(above, none, strict=True) if comment or len(row) == width]
+    if above and len(above[-1]) > width and (not heads or heads[-1] != above[-1][:width]):
+        reason = f"has {len(above[-1])} cells right above its numbers, whose rows have {width}"
+        raise _refuse(path, f"{reason}: put names in quotes that hold the mark between columns")
+    if not heads:
+        return [f"column {k + 1}" for k in range(width)], [""] * width
+    below = [cell.strip().strip("[]()") for cell in heads[-1]]
+    named = len(heads) > 1 and all(name.strip() for name, unit in zip(heads[-2], below, strict=True) if unit)
+    if named and all(len(cell) <= _LONGEST_UNIT or unit_of(cell) for cell in below):
+        return heads[-2], below
+    return heads[-1], [""] * width
+
+
+def _columns(
+    names: Sequence[str], units: Sequence[str], rows: Sequence[Sequence[str]], clocks: Sequence[bool]
+) -> tuple[Column, ...]:
+    """Columns of rows of cells, times of day in seconds."""
+    each = zip(names, units, clocks, zip(*rows, strict=True), strict=True)
+    found = ((clock, _column(name, unit, (_seconds if clock else numbers_of)(own))) for name, unit, clock, own in each)
+    return tuple(replace(column, unit="s") if clock else column for clock, column in found)
 
 
 _OF_RESPONSE = {
@@ -165,7 +216,9 @@ _OF_RESPONSE = {
     "imaginary": r"^im$|^im[ _]|imag",
 }
 _TURNS = {"": pi / 180, "deg": pi / 180, "°": pi / 180, "degrees": pi / 180, "rad": 1.0}
-_DERIVED = {r"^g/|/s(\^?2|²|/s)/": "acceleration", "/s/": "velocity"}
+_DERIVED = {r"^g/|/s(\^?2|²|/s)/|accelerance|inertance": "acceleration", "/s/|mobility": "velocity"}
+_ANOTHERS = re.compile("coher|inner", re.IGNORECASE)
+"""In the name of a column of another quantity, or of another point than the outer tip."""
 
 
 def _response_of(path: Path, columns: Sequence[Column]) -> Response | None:
@@ -176,13 +229,19 @@ def _response_of(path: Path, columns: Sequence[Column]) -> Response | None:
     """
     split = [replace(c, name=c.name[: -len(end[0])], unit=end[1]) if (end := _end(c)) else c for c in columns]
     part = {
-        which: next((c for c in split if re.search(pattern, c.name, re.IGNORECASE)), None)
+        which: [c for c in split if re.search(pattern, c.name, re.IGNORECASE) and not _ANOTHERS.search(c.name)]
         for which, pattern in _OF_RESPONSE.items()
     }
-    frequency, magnitude, phase, real, imaginary = part.values()
-    if frequency is None or any(re.search("^t$|time|^zeit", c.name, re.IGNORECASE) for c in columns):
+    if not part["frequency"] or any(re.search("^t$|time|^zeit", c.name, re.IGNORECASE) for c in columns):
         return None
     there = ", ".join(f"{c.name} [{c.unit}]" for c in split)
+    for which, found in part.items():
+        if len(found) > 1:
+            names = " or ".join(repr(c.name) for c in found)
+            reason = f"has frequencies, and its {which} may be {names}: leave the response of the outer tip alone in it"
+            raise _refuse(path, reason)
+    frequency, magnitude, phase, real, imaginary = (next(iter(found), None) for found in part.values())
+    assert frequency is not None
     per_Hz, turn = _HERTZ.get(frequency.unit.lower(), 1.0), 1.0
     if frequency.unit.lower() not in ("", "hz", *_HERTZ):
         raise _refuse(path, f"has frequencies in {frequency.unit!r}; known are Hz, kHz, rad/s, rpm and cpm")
@@ -203,7 +262,10 @@ def _response_of(path: Path, columns: Sequence[Column]) -> Response | None:
         raise _refuse(path, f"has frequencies, but neither a magnitude nor a real and an imaginary part: {there}")
     if not (np.isfinite(values).all() and np.isfinite(frequency.values).all() and np.all(np.abs(values) > 0)):
         raise _refuse(path, "has a response that is zero or not finite at some of its frequencies")
-    answer = next((kind for pattern, kind in _DERIVED.items() if re.search(pattern, unit + "/")), "displacement")
+    unit = re.sub("[()]", "", unit)
+    says = f"{unit}/" if unit else name  # what a response is called counts where it states no unit
+    kinds = (kind for pattern, kind in _DERIVED.items() if re.search(pattern, says, re.IGNORECASE))
+    answer = next(kinds, "displacement")
     order = np.argsort(frequency.values)
     return Response(name, per_Hz * frequency.values[order], values[order], answer, unit)
 
@@ -287,6 +349,8 @@ def _arrays(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, n
             continue
         if isinstance(value, Mapping):
             yield from _arrays(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "c" and not np.any(value.imag):
+            yield from _arrays({name: value.real}, prefix)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim == 1 and len(value) >= _FEWEST:
             yield prefix + name, value.astype(float)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim == 2:

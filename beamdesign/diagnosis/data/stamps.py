@@ -28,6 +28,8 @@ _HALF, _FOLLOWED = 0.5, 0.1  # of an interval; how quickly an interval that is l
 _FEWEST, _EXACT = 16, 1e-12
 _CLEARER, _CHANCE = 1.2, 3.0  # times as rough, at any length and by chance among N samples over sqrt(N)
 _SPLINE = 5 / 384  # of h^4 |x''''|: C. A. Hall and W. W. Meyer, J. Approximation Theory 16 (1976) 105
+_MAY_STAND = ("t_s", "command_V", "current_A")
+_MOSTLY = 0.8  # of the rows at which a value may change
 _AROUND = np.array([-3, -2, -1, 1, 2, 3])
 
 
@@ -170,8 +172,26 @@ def spline_at(
     return found, float(error / size) if size > 0 else 0.0
 
 
+def standing(values: np.ndarray) -> int:
+    """Rows for which every value of a channel stands, before there is another one; 1 where values do not repeat."""
+    changes = np.flatnonzero(np.diff(values)) + 1
+    if len(changes) < _FEWEST or len(np.unique(values)) < _FEWEST or not np.all(np.isfinite(values)):
+        return 1
+    rows = int(np.gcd.reduce(np.diff(changes)))
+    return rows if rows * len(changes) > _MOSTLY * len(values) else 1
+
+
+def _blanked(values: np.ndarray, rows: int) -> np.ndarray:
+    """Values of a channel, each where it came and missing where it is repeated."""
+    first = int(np.flatnonzero(np.diff(values))[0]) + 1
+    return np.where((np.arange(len(values)) - first) % rows == 0, values, np.nan)
+
+
 def filled(path: Path, table: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """A record in which channels have values that are missing, as where they were sampled less often: by splines.
+
+    A recorder may repeat a value until there is another one: repeats are as good as missing. Not so of what a sampled
+    controller puts out, which does stand still.
 
     Args:
         path: of the file it is from.
@@ -183,6 +203,8 @@ def filled(path: Path, table: Mapping[str, np.ndarray]) -> tuple[dict[str, np.nd
     Raises:
         InputError: with where values are missing and cannot be told from the others.
     """
+    stands = {name: 1 if name in _MAY_STAND else standing(values) for name, values in table.items()}
+    table = {name: values if stands[name] == 1 else _blanked(values, stands[name]) for name, values in table.items()}
     there = {name: np.flatnonzero(np.isfinite(values)) for name, values in table.items()}
     if not (lacking := [name for name, held in there.items() if len(held) < len(table["t_s"])]):
         return dict(table), {}
@@ -201,10 +223,13 @@ def filled(path: Path, table: Mapping[str, np.ndarray]) -> tuple[dict[str, np.nd
         if error > LARGEST_ERROR:
             gap = int(np.argmax(np.diff(at)))
             first = f"{at[gap + 1] - at[gap] - 1} behind number {at[gap] + 1} of {len(times)}"
-            reason = f"has {len(times) - len(at)} values that are not finite: the most in a row are {first}, and by its"
+            many = f"{len(times) - len(at)} values that are {'repeated' if stands[name] > 1 else 'not finite'}"
+            reason = f"has {many}: the most in a row are {first}, and by its"
             reason += f" spectrum a spline would be off by {min(error, 1):.2g} of it there (at most {LARGEST_ERROR:g})"
             wrong.append(Problem(name, reason))
-        words[name] = f"missing values of {name} are splines, off by about {error:.1g} of it"
+        repeated = f"values that repeat the last, {stands[name] - 1} of {stands[name]},"
+        what = repeated if stands[name] > 1 else "missing values"
+        words[name] = f"{what} of {name} are splines, off by about {error:.1g} of it"
     if wrong:
         raise InputError(path, wrong)
     return found, words
