@@ -5,6 +5,7 @@ a dashpot b between the tip and the ground add (m s^2 + b s + k) x to the force,
 is p0 + (m s^2 + b s + k) n: affine in all three together, and n is free of them.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import atan2, degrees, inf, pi, sqrt
@@ -329,7 +330,8 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: b
     """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
 
     The controller's breaks are kept, its gain is raised: from none; or, where asked for, from its own if the loop is
-    stable there, which it need not be at every lower one. With effects it is the least of all linear members.
+    stable there, which it need not be at every lower one. With effects it is the least of all linear members and of
+    the loop at rest, where that oscillates at any gain.
 
     Raises:
         InputError: for a mass that is not plausible, or a controller of several laws.
@@ -338,8 +340,10 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: b
     mass = checked_mass_kg(prototype.name, outer_end_mass)
     own = prototype.own_controller.gain_A_per_V
     unit = prototype.but(controller=prototype.own_controller.but(gain_A_per_V=1.0))
-    members = family(prototype, mass).members
-    found = [_critical_gain(at_most(unit, member).at(mass), own if from_own else 0.0) for member in members]
+    linear, least = family(prototype, mass), own if from_own else 0.0
+    found = [_critical_gain(at_most(unit, member).at(mass), least) for member in linear.members]
+    with suppress(ValueError):
+        found.append(_critical_gain(at_most(unit, linear.rest).at(mass), least))
     return min(found, key=lambda critical: critical.gain_A_per_V)
 
 

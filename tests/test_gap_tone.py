@@ -1,6 +1,7 @@
 """A tone that records have in common, told from what their drive makes."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from gap_sets import believed, measured
 from beamdesign.diagnosis import tone
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
-from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
@@ -191,6 +192,21 @@ def test_a_motion_whose_frequency_wanders_is_no_hum(slow: Dataset, quiet: Look) 
     assert common_tone(left)
     assert without_tones(wandering, best) == (wandering, (), False)
     assert without_tones(hummed(slow, displacement_m=HUM_m), best)[1]
+
+
+def test_a_tone_that_a_model_makes_is_none_of_the_records(
+    slow: Dataset, quiet: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands out of what is left as one of the records does, and would be written into them."""
+    best, predicted = quiet.search.fits[0], RecordEvidence.predicted
+
+    def humming(piece: RecordEvidence, *given: Any) -> np.ndarray:
+        found = predicted(piece, *given).copy()
+        found[:, piece.column] += HUM_m * np.sin(2 * np.pi * HUM_Hz * piece.record.times)
+        return found
+
+    monkeypatch.setattr(RecordEvidence, "predicted", humming)
+    assert without_tones(slow, best) == (slow, (), False)
 
 
 def test_a_tone_of_one_loop_may_be_its_own(slow: Dataset, quiet: Look, monkeypatch: pytest.MonkeyPatch) -> None:

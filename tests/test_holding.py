@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -17,15 +18,19 @@ from beamdesign import DesignProblem, Prototype, codesign, read_problem, run_des
 from beamdesign.build.result_folder import statements
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
+from beamdesign.loop import loop
+from beamdesign.plant.linear_reach import single_mode_reach
 from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
 from beamdesign.synthesis import codesign as sized
-from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
+from beamdesign.synthesis import holding
+from beamdesign.synthesis.changes import Change, changed
+from beamdesign.synthesis.holding import Demanded, Holding, standing, working
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import Design
-from beamdesign.synthesis.operating_limits import needs
+from beamdesign.synthesis.operating_limits import needs, needs_to_carry
 
 pytestmark = pytest.mark.long
 
@@ -195,8 +200,9 @@ def test_what_is_missed_standing_and_working_has_changes_that_are_enough_for_bot
     problem, rig = stated(**STATED | {"servovalve": {"rated_current_A": share * least}})
     problem = problem.but(load=problem.load.but(tip_force_N=2150.0))
     held = working(problem, rig, PAYLOAD, 3.0)
-    assert {limit.name for limit in held.missed} == {"supply pressure", "rated current"}
-    assert of(held, "rated current").needed == np.inf
+    assert {limit.name for limit in held.missed} == {"supply pressure", "supply pressure while the load moves"}
+    moving = of(held, "supply pressure while the load moves")  # of no current told, as none is enough
+    assert moving.needed > of(held, "supply pressure").needed > moving.available
     told = {change.key: change for (change,) in held.ways}
     assert len(told) == len(held.ways)
     assert {"actuator.piston_area_m2", "supply.pressure_Pa"} <= told.keys()
@@ -207,6 +213,42 @@ def test_what_is_missed_standing_and_working_has_changes_that_are_enough_for_bot
     assert ("load.tip_force_N" in told) == (share > 1.0)
     if share > 1.0:
         assert not working(changed(problem, (told["load.tip_force_N"],)), rig, PAYLOAD, 3.0).missed
+
+
+def test_the_inner_tube_bears_what_travels_up_to_the_bandwidth() -> None:
+    """A tip load K x bends the clamp by K x L: up to f_o W_el, or the design resistance of EN 1999-1-1, 6.2.5.1(2)."""
+    problem, rig = stated()
+    tube, beam = finished_run().sizing.inner, problem.inner_beam
+    stiffness = 3 * beam.material.youngs_modulus_Pa * tube.second_moment / beam.free_length_m**3
+    strength = beam.material.proof_strength_Pa
+    moments = strength * tube.elastic_modulus, tube.bending_resistance(strength, beam.material.buckling_constants)
+    bears = of(working(problem, rig, PAYLOAD, 3.0), "travel that the inner tube bears")
+    assert bears.available == pytest.approx(min(moments) / (stiffness * beam.free_length_m), rel=1e-9)
+    assert bears.needed == needs_to_carry(rig, PAYLOAD, problem.load.tip_force_N, 3.0)["stroke_m"]
+    assert bears.met
+    soft = beam.material.but(proof_strength_Pa=0.9 * bears.needed / bears.available * strength)
+    weak = working(problem, rig.but(inner_beam=rig.inner_beam.but(material=soft)), PAYLOAD, 3.0)
+    (missed,) = weak.missed
+    assert missed.name == bears.name
+    ((way,),) = (missed.ways,)
+    assert {change.key for change in way} == {"safety.strength", "safety.local_buckling"}
+
+
+def test_a_gain_beyond_the_critical_one_of_all_bending_modes_is_no_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three payloads the least counts; proofs have one mode per beam."""
+    problem, rig = stated()
+    gain, least = rig.own_controller.gain_A_per_V, lambda at: at.critical_gain_all_A_per_V
+    modes = of(working(problem, rig, PAYLOAD, 3.0), "critical gain with all bending modes")
+    reached = [single_mode_reach(rig, kg) for kg in (0.0, 3.4, 6.8)]
+    assert (modes.needed, modes.available) == (gain, min(map(least, reached)))
+    assert modes.met
+    early = replace(reached[0], critical_gain_all_A_per_V=0.5 * gain, critical_frequency_Hz=200.0)
+    monkeypatch.setattr(holding, "single_mode_reach", lambda *given: early)
+    (missed,) = working(problem, rig, PAYLOAD, 3.0).missed
+    assert "critical gain with all bending modes instead of" in missed.words
+    ((loop_gain, from_Hz),) = missed.ways
+    assert from_Hz == ("goal.loop_gain_from_Hz", 160.0, False, 0.0)
+    assert loop_gain.value <= 0.5 * abs(loop(rig).at(0.0).loop_response(np.array([160.0]))[0])
 
 
 def test_a_bandwidth_that_is_of_no_use_is_no_design() -> None:
@@ -239,7 +281,11 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
     assert (pressure["met"], pressure["needed"], pressure["available"]) == (False, pytest.approx(held / 1.13e-4), 20e6)
     assert fields["change"]
     for words in fields["change"][: tried(len(fields["change"]))]:
-        way = tuple(Change(key, float(value)) for key, value in re.findall(r"\((\S+) = (\S+)\)", words))
+        written = (f"{key} = {value}" for key, value in re.findall(r"\((\S+) = ([^)]+)\)", words))
+        pairs = [(*tomllib.loads(line.replace(".", "__", 1)).items(),) for line in written]
+        given = {key.replace("__", "."): value for ((key, value),) in pairs}
+        assert all(value[0] == problem.asked_kg()[0] for value in given.values() if isinstance(value, list))
+        way = tuple(Change(key, np.ravel(value)[-1].item()) for key, value in given.items())
         assert way
         assert run_design(changed(problem, way), sigmas=0.0).prototype is not None
 

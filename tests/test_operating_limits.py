@@ -127,7 +127,11 @@ def test_stroke_flow_and_power_in_closed_form(rig: Prototype):
     moved = sqrt((1.13e-4 * pi * (1 / 157_500.0 + 1 / 1.3e7)) ** 2 + leak**2)
     assert limits.limits_N["supply flow"][0] == pytest.approx(1.2e-4 / moved, rel=5e-3)
     assert limits.supply_power_W[0] == pytest.approx(20e6 * 2 / pi * limits.load_N[0] * moved, rel=5e-3)
-    assert limits.missing == {"clearance": "width_m and wall_m of both beams"}
+    sizes = {
+        "clearance": "width_m and wall_m of both beams",
+        "inner tube's strength": "width_m and wall_m of the inner beam",
+    }
+    assert limits.missing == sizes
 
 
 def test_no_resonance_falls_between_the_frequencies_looked_at(rig: Prototype):

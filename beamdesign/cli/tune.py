@@ -161,8 +161,7 @@ def tune(
                 echo(f"  {inside.of_frozen}")
             if inside is not None and inside.certificate:
                 texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", inside.certificate)
-            # over a box it is proved with the rest
-            proved = not certificate.open_between or (law.best is not None and law.best.sigmas > 0)
+            proved = not law.open_between
             fields["stable_between"] = inside and (proved or inside.stable)
         answers.append((fields, proved))
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}

@@ -216,6 +216,8 @@ def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], pr
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
     if found.reason:
         return Redesign(outer_end_mass_kg, reason=found.reason)
+    if any(one.between and one.between.stable is False for one in found.each):
+        return Redesign(outer_end_mass_kg, reason=found.open_between)
     if (old := diagnosed.schedule) is not None and (new := found.prototype.schedule) is not None:
         kept = old.but(stage=new.stage, dwell_s=new.dwell_s)
         found = replace(found, prototype=found.prototype.but(controller=kept))

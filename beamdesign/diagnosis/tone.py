@@ -5,9 +5,9 @@ record allows, at the same frequency and of about the same amplitude in small re
 the records, so that what explains the rest is not weighed against it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, pi, sqrt
+from math import ceil, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -168,19 +168,19 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
         if tone is None:
             break
+        if not _recorded(pieces, left, tone):
+            break
         loops = {(record.masses, record.controller) for record in records if record.name in tone.having}
         if len(loops) < 2 and not tone.of_the_mains:
             break
         if any(abs(tone.frequency_Hz - other) < beside for other in taken):
             return data, (), False
         taken.append(tone.frequency_Hz)
-        # Where others are too small to be seen, they are too small to count.
-        sines = {k: _sines(p, left[k], tone.frequency_Hz) for k, p in enumerate(pieces) if p.name in tone.having}
-        if not _recorded(pieces, sines):
-            break
         hearing = 0
-        for k, made in sines.items():
-            piece = pieces[k]
+        for k, piece in enumerate(pieces):
+            if piece.name not in tone.having:  # too small to be seen, and too small to count
+                continue
+            made = _sines(piece, left[k], tone.frequency_Hz)
             hearing += _in_the_loop(piece, left[k], tone.frequency_Hz)
             left[k] = left[k] - counted[k] * made
             own = dict(zip(piece.weight.channels, made.T, strict=True))
@@ -193,15 +193,16 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     return replace(data, records=tuple(records)) if words else data, tuple(words), any_in_loop
 
 
-def _recorded(pieces: Sequence[RecordEvidence], sines: Mapping[int, np.ndarray]) -> bool:
-    """Whether displacements lose by their sines what these hold; a model's own tone, which they lack, they would gain.
-
-    Args:
-        pieces: of which the records are.
-        sines: (N, C) by the position of a piece.
-    """
-    own = [(pieces[k].measured[:, pieces[k].column], made[:, pieces[k].column]) for k, made in sines.items()]
-    return sum(float(motion @ sine) for motion, sine in own) > sum(float(sine @ sine) for _, sine in own) / 2
+def _recorded(pieces: Sequence[RecordEvidence], left: Sequence[np.ndarray], tone: Tone) -> bool:
+    """Whether records that have a tone stand out at its frequency less without it; where a model makes it, more."""
+    gained = 0.0
+    for piece, of in zip(pieces, left, strict=True):
+        if piece.name in tone.having:
+            sine = _sines(piece, of, tone.frequency_Hz)
+            spectra = [_spectrum(_of_displacement(piece, each)) for each in (piece.measured, piece.measured - sine)]
+            there, without = (s.contrast(s.peak(tone.frequency_Hz)) for s in spectra if s is not None)
+            gained += log(there / without)
+    return gained > 0
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

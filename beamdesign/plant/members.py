@@ -28,6 +28,20 @@ def own_sag_m(prototype: Prototype) -> float:
     return STANDARD_GRAVITY * mass / lumped_beam(prototype.inner_beam).stiffness
 
 
+def bearable_travel_m(prototype: Prototype) -> float | None:
+    """Travel of the inner tip at which its tube yields or a wall buckles, own sag included, m; None without sizes.
+
+    As of a force at the tip, K x L being the moment at the clamp: f_o W_el, or the design resistance of EN 1999-1-1,
+    6.2.5.1(2).
+    """
+    if (geometry := prototype.inner_beam.geometry) is None:
+        return None
+    alloy, tube, length = geometry
+    strength = alloy.proof_strength_Pa
+    moment = min(strength * tube.elastic_modulus, tube.bending_resistance(strength, alloy.buckling_constants))
+    return float(moment / (lumped_beam(prototype.inner_beam).stiffness * length))
+
+
 def weight_N(prototype: Prototype, payload_kg: float) -> float:
     """Weight of a payload and of the outer beam at the tip of a link that lies level, N."""
     return STANDARD_GRAVITY * (payload_kg + weighing_mass(prototype.outer_beam))

@@ -10,6 +10,7 @@ from flint import fmpq
 
 from beamdesign.arguments import takes
 from beamdesign.loop import Loop, member_loop
+from beamdesign.plant.linear_reach import linear_part
 from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_unstated
 from beamdesign.polynomial import exact, nearest, shortened, simple_between, text
 from beamdesign.proofs.absolute_stability import static_rows
@@ -201,14 +202,22 @@ def _closed(part: Range) -> tuple[fmpq, fmpq]:
     return low, high
 
 
-def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> StabilityMap:
+def stability_over(prototype: Prototype, low_kg: float, high_kg: float, as_far: bool = False) -> StabilityMap:
     """Where from `low_kg` to `high_kg` every linear member is stable: of `certify` the stability alone, not written.
+
+    Where no linear loop stands for its effects, that is refused, or `as_far` as those are linear by themselves.
 
     Raises:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    return common_ranges(rectangles(members(prototype, low_kg, high_kg)))
+    try:
+        given = members(prototype, low_kg, high_kg)
+    except InputError:
+        if not as_far:
+            raise
+        given = members(linear_part(prototype), low_kg, high_kg)
+    return common_ranges(rectangles(given))
 
 
 @takes("Prototype")

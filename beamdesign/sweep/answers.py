@@ -103,7 +103,6 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     Of several laws the one of the least bandwidth, with those of each in the details; a no where changes between them
     are looked at and not proved.
     """
-    from beamdesign.proofs.certifying import certify as prove
     from beamdesign.synthesis import tuning
 
     kind, rig = options.controller, tuning.limited(prototype, options.controller)
@@ -116,8 +115,7 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
         answer = Answer(law.best.columns(), details)
         if rig.effects:
-            proof = prove(stage.prototype, *stage.outer_end_mass_kg)
-            answer = replace(answer, outputs=answer.outputs | _between(proof), reason=proof.open_between)
+            answer = replace(answer, outputs=answer.outputs | _between(law), reason=law.open_between)
         answers[stage.prototype.name] = answer
     answer = of_all(answers)
     if found.switching is None or found.yes:
@@ -125,9 +123,9 @@ def tune(prototype: Prototype, options: case.TuneOptions) -> Answer:
     return replace(answer, reason=f"changes between its laws are not proved: {found.switching.reason}")
 
 
-def _between(found: "Certificate") -> dict[str, Any]:
-    """Whether a loop is stable between the ends of what effects freeze too; nothing without effects."""
-    return {"stable_between": found.between and found.between.stable} if found.scope else {}
+def _between(found: "Certificate | Tuning") -> dict[str, Any]:
+    """Whether a loop is stable between the ends of what effects freeze too, where that is looked at."""
+    return {"stable_between": found.between and found.between.stable}
 
 
 def _effort(found: "Tuning") -> dict[str, Any]:
@@ -161,7 +159,7 @@ def certify(prototype: Prototype, options: case.CertifyOptions) -> Answer:
         for claim in found.claims
     ]
     details = {"method": found.method, "scope": list(found.scope), "claims": claims}
-    return Answer(outputs | (_between(found) if found.stable else {}), details, found.reason)
+    return Answer(outputs | (_between(found) if found.scope and found.stable else {}), details, found.reason)
 
 
 def _guaranteed(found: "Certificate", no_bandwidth: float | None) -> dict[str, Any]:
@@ -181,13 +179,18 @@ def _crossings(found: "Certificate") -> dict[str, Any]:
 
 
 def stable_masses(prototype: Prototype, options: case.RangeOptions) -> Answer:
-    """Exact stable ranges of mass on the outer tip, with the frequencies at the crossings; none at all is a no."""
+    """Exact stable ranges of mass on the outer tip, with the frequencies at the crossings; none at all is a no.
+
+    So is what effects leave open: small motion, and where all of the range is stable the values between those frozen.
+    """
     from beamdesign.proofs.certifying import certify as prove
 
     found = prove(prototype, options.from_kg, options.to_kg)
     ranges = found.stable_ranges_kg
     ends = {"stable_from_kg": [low for low, _ in ranges], "stable_to_kg": [high for _, high in ranges]}
-    return Answer(ends | _crossings(found), {"method": found.method}, "" if ranges else found.stability.reason)
+    outputs = ends | _crossings(found) | (_between(found) if found.scope and found.stable else {})
+    reason = found.small_motion or found.open_between if ranges else found.stability.reason
+    return Answer(outputs, picked(found, "method scope"), reason)
 
 
 def robust(prototype: Prototype, options: case.RangeOptions) -> Answer:

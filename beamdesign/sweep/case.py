@@ -200,7 +200,7 @@ _ROWS = (
         _columns("bandwidth_Hz peak_sensitivity stable_share unstable_below_kg unstable_above_kg",
             "stable stable_between", lists=f"stable_ranges_kg {_CROSSINGS}"), (_LAW, _RANGE)),
     Task("stable_masses", Prototype, RangeOptions,
-        _columns("", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"), (_LAW,)),
+        _columns("", "stable_between", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"), (_LAW,)),
     Task("lag_breaks", Prototype, NoOptions,
         _columns("", "own_zero_stable", lists="stable_zero_from_Hz stable_zero_to_Hz"), (_LAW, _RANGE)),
     Task("robust", Prototype, RangeOptions,

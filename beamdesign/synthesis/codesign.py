@@ -25,9 +25,10 @@ from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
 from beamdesign.synthesis import POINT, SIGMAS
+from beamdesign.synthesis.changes import in_words
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables, tubes
-from beamdesign.synthesis.holding import Holding, in_words, working
+from beamdesign.synthesis.holding import Holding, working
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_starts import from_seeds

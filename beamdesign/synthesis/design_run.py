@@ -16,7 +16,8 @@ from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.quantities import Frequency, range_of
 from beamdesign.result import Result
 from beamdesign.synthesis import SIGMAS
-from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
+from beamdesign.synthesis.changes import Way, carried, easier, in_words
+from beamdesign.synthesis.holding import Holding, standing, working
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune

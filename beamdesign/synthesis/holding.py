@@ -11,15 +11,16 @@ middle of its stroke without it. A beam weighs at its tip by its end mass and 3/
 - Gap: load and weight together must not make the tubes touch, held still and up to the bandwidth.
 - Actuator: load and weight, held still (`Actuator.holding`): pressure of the supply, or current of the motor.
 - Its stroke and what else it has to be rated for (`Actuator.ratings`): up to the bandwidth.
+- Strength of the inner tube, without a safety factor: up to the bandwidth, where it may resonate.
+- Gain: below the critical one of all bending modes, of which the proofs have one per beam.
 - Bandwidth: at least the one up to which the study wants its load held still.
 
 What holds still is asked before anything is tuned (`standing`), the rest of a tuned design (`working`). What needs a
 figure that the prototype does not state is not asked, and named.
 """
 
-from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from itertools import product
 from math import inf, isfinite
 from typing import Any, NamedTuple
@@ -27,62 +28,41 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators import KINDS, MARGIN
-from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m, weight_N
+from beamdesign.loop import loop
+from beamdesign.plant.actuators import MARGIN
+from beamdesign.plant.linear_reach import single_mode_reach
+from beamdesign.plant.members import STANDARD_GRAVITY, bearable_travel_m, own_sag_m, weight_N
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import at_least, at_most, rigs_in_words
+from beamdesign.records import InputError
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.shapes import gaps
+from beamdesign.synthesis.changes import (
+    COMPLIANCE,
+    FROM_HZ,
+    KEYS,
+    LEFT,
+    LOAD,
+    LOOP_GAIN,
+    PAYLOAD,
+    SAFETY,
+    TRIES,
+    Change,
+    Way,
+    changed,
+    strictest,
+)
 from beamdesign.synthesis.operating_limits import demand, grid_Hz, needs_to_carry
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
 """Power of the load with which a tube's stiffness grows at most, where all its sizes grow alike at one stress."""
 _POINTS = 60
-_TRIES = 4
-_PAYLOAD, _COMPLIANCE = "payload.outer_end_mass_kg", "goal.compliance_m_per_N"
-_LOAD, _LEFT = "load.tip_force_N", "clearance.under_load_m"
-_GAP = "gap between the tubes"
-
-
-class Change(NamedTuple):
-    """A key of the study file, and the figure that it must have at least, or at most."""
-
-    key: str
-    value: float
-    at_least: bool = True
-
-    @classmethod
-    def rounded(cls, key: str, value: float, at_least: bool = True) -> "Change":
-        """With a figure to three significant digits that is enough, so that what is printed of it is all of it."""
-        towards = Context(3, ROUND_CEILING if at_least else ROUND_FLOOR)
-        return cls(key, float(towards.create_decimal(repr(value))), at_least)
-
-    def __str__(self) -> str:
-        """In words, in the unit that it is read in and as it is to be written."""
-        name, unit, _ = _KEYS[self.key]
-        side = "least" if self.at_least else "most"
-        return f"{name} of at {side} {q.quantity(self.value, unit)} ({self.key} = {self.value:g})"
-
-
-Way = tuple[Change, ...]
-"""Changes that are made together."""
-
-_KEYS = {
-    _PAYLOAD: ("a payload", "kg", q.MassOrNone),
-    _LOAD: ("a load", "N", q.Force),
-    _LEFT: ("a gap left under load", "m", q.Gap),
-    "actuator.piston_area_m2": ("a piston area", "m2", q.PistonArea),
-    "actuator.torque_constant_N_m_per_A": ("a torque constant", "N m/A", q.TorqueConstant),
-    "actuator.stroke_m": ("a stroke", "m", q.Stroke),
-    "supply.pressure_Pa": ("a supply pressure", "Pa", q.SupplyPressure),
-    **{one.place: (f"a {one.name}", one.unit, one.quantity) for kind in KINDS.values() for one in kind.ratings},
-    _COMPLIANCE: ("a goal of compliance", "m/N", q.ComplianceLimit),
-    "load.least_bandwidth_Hz": ("a goal of bandwidth", "Hz", q.Bandwidth),
-}
-"""By key: its name, its unit, and what of it a study may state."""
+_GAP, _BEND = "gap between the tubes", "travel that the inner tube bears"
+_MODES = "critical gain with all bending modes"
+_BELOW = 0.8  # of the frequency at which all modes oscillate: from there on a limit of the loop gain helps
 
 
 class Demanded(NamedTuple):
@@ -146,9 +126,9 @@ class Holding:
     def ways(self) -> tuple[Way, ...]:
         """What to change, each way enough by itself, of figures that a study may state; empty where all is met."""
         every = all(limit.ways for limit in self.missed) and self.missed
-        joined = (_strictest(sum(way, ())) for way in product(*(limit.ways for limit in self.limits if limit.ways)))
+        joined = (strictest(sum(way, ())) for way in product(*(limit.ways for limit in self.limits if limit.ways)))
         ways = dict.fromkeys((*self.instead, *(joined if every else ())))
-        stated = [way for way in ways if all(one.value in q.range_of(_KEYS[one.key][2]) for one in way)]
+        stated = [way for way in ways if all(one.value in q.range_of(KEYS[one.key][2]) for one in way)]
         return tuple(way for way in stated if not any(set(other) < set(way) for other in stated))
 
     @property
@@ -190,7 +170,7 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
     held = Demanded(name, needed, inf if available is None else available, unit)  # enough where nothing is stated
     stall = held.available * (load + weight) / held.needed
     # Sections for a larger load weigh more, but not by more than it is larger.
-    designed = Change(_LOAD, load) if weight <= load else Change.rounded(_LOAD, payload + link * weight / load)
+    designed = Change(LOAD, load) if weight <= load else Change.rounded(LOAD, payload + link * weight / load)
     force = _swelled(prototype, problem, designed.value) + payload + link * designed.value / load
     structure = Demanded("load in the choice of its sections", weight, load, "N")
     gap = _closing(prototype, load + weight)
@@ -202,8 +182,9 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
         held = held._replace(ways=_stronger(prototype, force))
     swelled, instead = _swelled(prototype, problem, load), []
     apart = (gap.available / MARGIN - gap.needed) * lumped_beam(prototype.inner_beam).stiffness + weight
-    payloads = Change.rounded(_PAYLOAD, (min(load, stall - swelled, apart) - link) / STANDARD_GRAVITY, False)
-    less = Change.rounded(_LOAD, (stall - weight) * load / swelled, False)
+    carried = (min(load, stall - swelled, apart) - link) / STANDARD_GRAVITY
+    payloads = Change.rounded(PAYLOAD, carried, False, masses_kg[0])
+    less = Change.rounded(LOAD, (stall - weight) * load / swelled, False)
     every = (structure, held, gap)
     if payloads.value >= masses_kg[0] and not all(limit.met for limit in every):
         instead.append((payloads,))
@@ -237,11 +218,15 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
             continue
         limit = Demanded(name, needed, available, unit)
         ways: tuple[Way, ...] = ((Change.rounded(key, MARGIN * needed),),)
-        if not isfinite(needed):  # the actuator stalls while the load moves
+        if not isfinite(needed):
+            what, pressure, supply, of, _ = actuator.holding(prototype, need["force_N"])
+            limit = Demanded(f"{what} while the load moves", pressure, inf if supply is None else supply, of)
             ways = _stronger(prototype, MARGIN * need["force_N"])
-        limits.append(limit if limit.met else limit._replace(ways=ways))
+        if limit not in limits:
+            limits.append(limit if limit.met else limit._replace(ways=ways))
     moved = [one._replace(needed=need["stroke_m"]) for one in still.limits if one.name == _GAP]
     limits += [one if one.met else one._replace(ways=one.ways or ((_wider(problem, one),),)) for one in moved]
+    limits += [*_strength(prototype, load, need["stroke_m"]), *_modes(prototype, masses_kg)]
     bandwidth = Demanded("guaranteed bandwidth", least, up_to_Hz, "Hz")
     if not bandwidth.met:
         bandwidth = bandwidth._replace(ways=_slower(prototype, masses_kg, up_to_Hz, least))
@@ -249,7 +234,7 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
 
     def enough(change: Change) -> bool:
         """Whether less of the payload or of the load, which is no matter of the loop, is enough for all limits."""
-        if change.key == _PAYLOAD:
+        if change.key == PAYLOAD:
             return not working(problem, prototype, (masses_kg[0], change.value), up_to_Hz).missed
         return not working(changed(problem, (change,)), prototype, masses_kg, up_to_Hz).missed
 
@@ -257,68 +242,34 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     return Holding(load, still.weight_N, tuple(limits), missing, instead)
 
 
-def in_words(ways: Sequence[Way]) -> tuple[str, ...]:
-    """Ways as people read them."""
-    return tuple(" and ".join(map(str, way)) for way in ways)
+def _strength(prototype: Prototype, load_N: float, travel_m: float) -> list[Demanded]:
+    """What the inner tip travels, of what its tube bears; sections chosen with as much more safety bear it."""
+    if (bears := bearable_travel_m(prototype)) is None:
+        return []
+    found = Demanded(_BEND, travel_m, bears, "m")
+    times = MARGIN * travel_m * lumped_beam(prototype.inner_beam).stiffness / load_N
+    return [found if found.met else found._replace(ways=(tuple(Change.rounded(key, times) for key in SAFETY),))]
 
 
-def easier(problem: DesignProblem) -> tuple[Way, ...]:
-    """What makes any design easier, to begin with: half of the largest payload, ten times the compliance."""
-    largest = problem.asked_kg()[1]
-    given = (Change(_PAYLOAD, largest, False), Change(_COMPLIANCE, problem.goal.compliance_m_per_N))
-    return tuple((change,) for one in given for change in _milder(one, problem))
-
-
-def _milder(change: Change, problem: DesignProblem) -> tuple[Change, ...]:
-    """A payload halved, or a compliance times ten, as far as a study may state it; nothing of other changes."""
-    factor = {_PAYLOAD: 0.5, _COMPLIANCE: 10.0}.get(change.key)
-    if factor is None:
-        return ()
-    milder = Change.rounded(change.key, factor * change.value, change.at_least)
-    least = problem.asked_kg()[0] if change.key == _PAYLOAD else 0.0
-    return (milder,) if 0 < milder.value >= least and milder.value in q.range_of(_KEYS[change.key][2]) else ()
-
-
-def changed(problem: DesignProblem, way: Way) -> DesignProblem:
-    """A study with a way taken."""
-    table = problem.model_dump()
-    for change in way:
-        name, key = change.key.split(".")
-        table[name][key] = change.value if change.key != _PAYLOAD else (table[name][key][0], change.value)
-    return DesignProblem.model_validate(table)
-
-
-def carried(
-    problem: DesignProblem, ways: Sequence[Way], lacking: Callable[[DesignProblem], Way | None]
-) -> tuple[Way, ...]:
-    """Those ways that lead to a design, with what else their studies need.
-
-    A payload is halved, a compliance made ten times as large until one does.
-
-    Args:
-        problem: without a design.
-        ways: to try.
-        lacking: what a study needs besides to have a design: nothing where it has one; None where that is not known.
-    """
-    found: list[Way] = []
-    for way in ways:
-        tried = way
-        for _ in range(_TRIES):
-            needed = lacking(changed(problem, tried))
-            whole = (*tried, *(needed or ()))
-            if needed == () or (needed and lacking(changed(problem, whole)) == ()):
-                found.append(whole)
-                break
-            if len(way) > 1 or not (tried := _milder(tried[0], problem)):
-                break
-    return tuple(found)
-
-
-def _strictest(changes: Way) -> Way:
-    """Of several changes of one key the one that asks for most."""
-    rising = sorted(changes, key=lambda one: one.value if one.at_least else -one.value)
-    strictest = {one.key: one for one in rising}
-    return tuple(strictest[key] for key in dict.fromkeys(one.key for one in changes))
+def _modes(prototype: Prototype, masses_kg: tuple[float, float]) -> list[Demanded]:
+    """The gain, of the least critical one of all bending modes; a limit of the loop gain from there on lowers it."""
+    found = []
+    for stage in prototype.stages(masses_kg):
+        for mass in stage.looked_at_kg:
+            with suppress(InputError, ValueError):  # of no beam with sizes, or no gain makes it oscillate
+                found.append((stage.prototype, mass, single_mode_reach(stage.prototype, mass)))
+    gains = [(law.own_controller.gain_A_per_V / of.critical_gain_all_A_per_V, law, mass, of) for law, mass, of in found]
+    if not gains:
+        return []
+    share, law, mass, modes = max(gains, key=lambda row: row[0])
+    gain, least = law.own_controller.gain_A_per_V, modes.critical_gain_all_A_per_V
+    wanted = Demanded(_MODES, gain, least, "A/V")
+    if wanted.met:
+        return [wanted]
+    from_Hz = _BELOW * modes.critical_frequency_Hz
+    own = abs(loop(law.but(effects={})).at(mass).loop_response(np.array([from_Hz]))[0])
+    way = Change.rounded(LOOP_GAIN, own / (MARGIN * share), False), Change.rounded(FROM_HZ, from_Hz, False)
+    return [wanted._replace(ways=(way,))]
 
 
 def _closing(prototype: Prototype, force_N: float) -> Demanded:
@@ -330,13 +281,13 @@ def _closing(prototype: Prototype, force_N: float) -> Demanded:
 
 def _wider(problem: DesignProblem, gap: Demanded) -> Change:
     """What a study has to ask of the gap that is left under its load, so that load and weight leave one too."""
-    return Change.rounded(_LEFT, problem.clearance.under_load_m + MARGIN * gap.needed - gap.available)
+    return Change.rounded(LEFT, problem.clearance.under_load_m + MARGIN * gap.needed - gap.available)
 
 
 def _heavier(problem: DesignProblem, load: Change, payload_kg: float) -> tuple[Way, ...]:
     """A larger load, and what of the gap its sections need besides not to touch; none where there are no sections."""
     way: Way = (load,)
-    for _ in range(_TRIES):
+    for _ in range(TRIES):
         study = changed(problem, way)
         sized = size(study)
         if not sized.feasible:
@@ -370,4 +321,4 @@ def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: floa
     asked = [demand(law, mass, grid_Hz(law, mass, least_Hz / 1e3, least_Hz, _POINTS)) for law, mass in places]
     most = max(float(np.abs(one["displacement"]).max()) for one in asked)
     had = Change.rounded("load.least_bandwidth_Hz", up_to_Hz, False)
-    return (Change.rounded(_COMPLIANCE, MARGIN * most),), (had,)
+    return (Change.rounded(COMPLIANCE, MARGIN * most),), (had,)

@@ -2,7 +2,8 @@
 
 A sinusoidal force on the outer tip, on top of a constant one, asks the actuator for force and stroke and whatever gives
 these, and the amplifier for current, as the linear loop has them. Each limit gives the largest amplitude of that force:
-those of the actuator (`Actuator.limits`), half its stroke, from the middle, and half the play of one tube in the other.
+those of the actuator (`Actuator.limits`), half its stroke, from the middle, half the play of one tube in the other, and
+what bends the inner tube until it yields.
 
 Limits whose figures the prototype does not give are left out and named.
 """
@@ -29,8 +30,9 @@ from beamdesign.plant.linear_reach import (
     with_mass,
     with_published_effects,
 )
-from beamdesign.plant.members import own_sag_m, weight_N
+from beamdesign.plant.members import bearable_travel_m, own_sag_m, weight_N
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.certifying import stability_over
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import SignedForce, read_in
 from beamdesign.records import InputError
@@ -175,7 +177,7 @@ def envelope(
 ) -> Envelope:
     """Largest amplitude of a sinusoidal force on the tip that every limit of the actuator allows.
 
-    Of stroke and clearance is left what the inner beam does not sag by itself, as of a link that lies level.
+    Of stroke, clearance and strength is left what the inner beam does not sag by itself, as of a link that lies level.
 
     Args:
         prototype: rig with a controller; its actuator heeds some of its effects.
@@ -184,8 +186,9 @@ def envelope(
         frequency_Hz: (N,); by default 0.1 to 200 Hz, times `pace`, with every resonance between.
     """
     grid = np.asarray([] if frequency_Hz is None else frequency_Hz, dtype=float)
-    if prototype.controller is None or not loop(linear_part(prototype)).at(outer_end_mass).stable:
-        why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
+    kg, controller = outer_end_mass, prototype.controller
+    if controller is None or not stability_over(prototype, kg, kg, as_far=True).stable:
+        why = "no controller" if controller is None else f"not stable with {kg:g} kg"
         return Envelope(grid, {}, 0 * grid, 0 * grid, {}, why, stable=False)
     if frequency_Hz is None:
         shown = pace(lumped.figures(prototype)) * SHOWN_HZ
@@ -199,6 +202,7 @@ def envelope(
         *actuator.limits(prototype),
         Limit("stroke", "stroke", half, "actuator.stroke_m"),
         Limit("clearance", "stroke", play[0] if play else None, "width_m and wall_m of both beams"),
+        Limit("inner tube's strength", "stroke", bearable_travel_m(prototype), "width_m and wall_m of the inner beam"),
     )
     missing = {limit.name: limit.place for limit in every if limit.most is None}
     limits = {limit.name: limit.amplitude(asked, held) for limit in every if limit.most is not None}
@@ -301,7 +305,8 @@ class Limits(Result):
         found = self.modes
         if isinstance(found, str):
             return []
-        unit, factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")
+        gain = self.prototype.own_controller.gain_A_per_V
+        unit, factor = read_in(gain, "A/V")
         return [
             ("outer beam's tip compliance within 10 % up to, Hz", found.outer_Hz),
             ("inner beam's", found.inner_Hz),
@@ -311,6 +316,10 @@ class Limits(Result):
             (f"critical gain with one mode per beam, {unit}", factor * found.critical_gain_A_per_V),
             (f"with all modes, {unit}", factor * found.critical_gain_all_A_per_V),
             ("of the critical gain taken by them, %", 100 * found.gain_margin_eaten),
+            (
+                f"its own gain{', with which it oscillates then' * (gain >= found.critical_gain_all_A_per_V)}, {unit}",
+                factor * gain,
+            ),
         ]
 
     def linear_rows(self) -> list[tuple[str, float, float | str, float]]:

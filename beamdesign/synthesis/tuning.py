@@ -33,9 +33,11 @@ from beamdesign.plant.assembly import mass_unit_kg, most_inside_kg, pace
 from beamdesign.plant.members import served
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, part_of, silent
+from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.tolerance_box import between
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import MassOrNone, Sigmas, stated_bandwidth
 from beamdesign.records import InputError, Problem
@@ -80,6 +82,7 @@ class Tuning(Result):
             exceed.
         switching: what is proved of changes between several laws; None with effects, which that does not cover.
         left_out: what was not tried for want of time, in words.
+        between: of one law for exactly the figures stated, the verdict on all between the values that effects freeze.
     """
 
     prototype: Prototype
@@ -93,11 +96,17 @@ class Tuning(Result):
     alone_Hz: tuple[float, ...] = ()
     switching: Switching | None = None
     left_out: tuple[str, ...] = ()
+    between: BoxVerdict | None = None
 
     @property
     def yes(self) -> bool:
-        """Whether there is an answer, with changes between its laws proved where they are looked at."""
-        return not self.reason and (self.switching is None or self.switching.stable)
+        """Whether there is an answer, also between what effects freeze, with changes between its laws if looked at."""
+        return not (self.reason or self.open_between) and (self.switching is None or self.switching.stable)
+
+    @property
+    def open_between(self) -> str:
+        """Why laws are not proved stable between the values that effects freeze; empty where they are."""
+        return "; ".join(one.between.of_frozen for one in self.each if one.between and not one.between.stable)
 
     @property
     def each(self) -> "tuple[Tuning, ...]":
@@ -255,7 +264,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         why = no_answer(kind, prototype.goal, masses_kg, failure, 0.0 if spread is None else spread.sigmas)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     rig = prototype.with_law(best.controller, masses_kg, best.inner_end_mass_kg)
-    return Tuning(rig, masses_kg, best, found.sampled, found.certificates)
+    inside = between(rig, *masses_kg) if rig.effects and spread is None else None  # a box of rigs holds all of it
+    return Tuning(rig, masses_kg, best, found.sampled, found.certificates, between=inside)
 
 
 def tune_alike(
@@ -309,9 +319,6 @@ def _tune_stages(
             reason = f"stage {k}, stable for all payloads as well: {alone[-1].reason}"
             return Tuning(prototype, whole_kg, reason=reason, alone_Hz=tuple(map(_hertz, alone[:-1])))
 
-    def least(found: list[Tuning]) -> float:
-        return min(map(_hertz, found))
-
     decimals = 2 + _finer(asked.inner_kg[1])
     own_kg = sorted({round(one.best.inner_end_mass_kg, decimals) for one in alone if one.best is not None})
     tried_kg = sorted({*own_kg, *(round((one + two) / 2, decimals) for one, two in pairwise(own_kg))})
@@ -320,10 +327,10 @@ def _tune_stages(
         tried_kg.insert(0, tried_kg.pop(len(tried_kg) // 2))
     masses_kg = while_time(tried_kg, lambda inner: f"{inner:g} kg inside", least=1)
     tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in masses_kg]
-    enough = NEARLY * max(least(found) for found in tried)
-    best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
+    enough = NEARLY * max(min(map(_hertz, found)) for found in tried)
+    best = max((f for f in tried if min(map(_hertz, f)) >= enough), key=lambda found: prod(map(_hertz, found)))
     alone_Hz = tuple(map(_hertz, alone))
-    if least(best) == 0:
+    if min(map(_hertz, best)) == 0:
         reason = "no mass inside was found with which every stage can be proved" + " in the time given" * over()
         return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
     laws, inside = tuple(map(_stage, best)), best[0].prototype.payload

@@ -36,7 +36,6 @@ from beamdesign.build.realisation.realise import (
 )
 from beamdesign.files import write_set
 from beamdesign.loop import LoopAtMass, loop
-from beamdesign.plant.linear_reach import linear_part
 from beamdesign.polynomial import exact, transfer
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.any_loop import in_p
@@ -348,7 +347,7 @@ def judge(
     if prototype.effects:
         reason = _without(prototype)
         errors = law_errors(controller, realisation, realisation.rate_Hz / 40)
-        found = stability_over(linear_part(prototype), *masses_kg)
+        found = stability_over(prototype, *masses_kg, as_far=True)
         return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason, unstable=found.reason)
     figures = tuple(figures_at(prototype, realisation, mass) for mass in masses_between(masses_kg, looked_at))
     crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
