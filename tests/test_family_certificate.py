@@ -2,7 +2,9 @@
 
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +13,13 @@ from forging import altered, resealed
 from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, certify, check, simulate, specify, tune, write_prototype
+from beamdesign import Prototype, certify, check, critical_gain, simulate, specify, tune, write_prototype
 from beamdesign.build.folder import write_specification
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
-from beamdesign.diagnosis.redesign import terms
-from beamdesign.loop import close_loop, rig_loop
+from beamdesign.diagnosis.redesign import redesign, terms
+from beamdesign.loop import close_loop, loop, rig_loop
 from beamdesign.plant.effects import causes, library
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
@@ -31,6 +33,8 @@ from beamdesign.proofs.tolerance_box import between, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
+from beamdesign.sweep import answers, case
+from beamdesign.synthesis.operating_limits import envelope
 
 CLAIMS = (
     Asked("peak_sensitivity", 3.0),
@@ -333,11 +337,7 @@ def test_a_delay_that_is_asked_for_is_beside_that_of_the_effect(tame: Prototype)
 
 def test_certify_says_no_where_a_value_between_the_ends_is_refuted(tame: Prototype, tmp_path: Path):
     """An inner beam that a cable holds: stable free of it and with all of it, and not in between."""
-    rig = tame.but(
-        controller=Lag(gain_A_per_V=0.028, pole_Hz=1.52, zero_Hz=50.7),
-        payload=tame.payload.but(inner_end_mass_kg=4.02),
-        effects={"empirical_inner_reaction_loop": {"size_N": 10480.0}},
-    )
+    rig = held_by_a_cable(tame, 10480.0)
     found = certify(rig, 2.07, 2.07)
     assert (found.holds, found.yes, found.status) == (True, False, "no")
     assert "between the ends" in found.reason
@@ -345,7 +345,7 @@ def test_certify_says_no_where_a_value_between_the_ends_is_refuted(tame: Prototy
     specified = specify(rig, (2.07, 2.07))
     assert specified.guaranteed is None
     assert "between the ends" in specified.reason
-    assert "between the ends" in terms(rig.but(payload=rig.payload.but(outer_end_mass_kg=(2.07, 2.07)))).open_between
+    assert "between the ends" in terms(rig).open_between
     write_prototype(rig, tmp_path / "p.toml")
     words = ["certify", str(tmp_path / "p.toml"), "--outer-end-mass", "2.07:2.07", "--json", str(tmp_path / "c.json")]
     words += ["--out", str(tmp_path / "c.toml")]
@@ -354,6 +354,55 @@ def test_certify_says_no_where_a_value_between_the_ends_is_refuted(tame: Prototy
     assert fields["stable_between"] is False
     assert "between the ends" in fields["reason"]
     assert CliRunner().invoke(app, [*words, "--linear"]).exit_code == 0
+
+
+def held_by_a_cable(tame: Prototype, size_N: float) -> Prototype:
+    """Stable free of it and with all of it, and not in between."""
+    return tame.but(
+        controller=Lag(gain_A_per_V=0.028, pole_Hz=1.52, zero_Hz=50.7),
+        payload=tame.payload.but(inner_end_mass_kg=4.02, outer_end_mass_kg=(2.07, 2.07)),
+        effects={"empirical_inner_reaction_loop": {"size_N": size_N}},
+    )
+
+
+@pytest.mark.usefixtures("one_start")
+def test_a_law_tuned_for_members_alone_is_no_answer_where_a_value_between_is_refuted(tame: Prototype):
+    rig = held_by_a_cable(tame, 20000.0)
+    found = tune(rig, (2.07, 2.07), sigmas=0.0)
+    assert found.best is not None
+    assert (found.yes, certify(found.prototype, (2.07, 2.07)).yes) == (False, False)
+    assert "between the ends" in found.open_between
+    renewed = redesign(rig, (2.07, 2.07))
+    assert renewed.prototype is None
+    assert "between the ends" in renewed.reason
+
+
+def test_a_sweep_says_no_of_stable_masses_where_a_value_between_is_refuted(tame: Prototype):
+    found = answers.stable_masses(held_by_a_cable(tame, 10480.0), case.RangeOptions(from_kg=2.0, to_kg=2.2))
+    assert found.outputs["stable_between"] is False
+    assert "between the ends" in found.reason
+
+
+def test_the_critical_gain_is_no_more_than_that_at_rest(tame: Prototype):
+    """Of an inner beam that a cable holds the loop at rest is none of the members."""
+    rig = held_by_a_cable(tame, 20000.0)
+    least = critical_gain(rig, 2.07).gain_A_per_V
+    at = [
+        loop(rig.but(controller=rig.own_controller.but(gain_A_per_V=least * by))).at(2.07).stable
+        for by in (0.999, 1.001)
+    ]
+    assert at == [True, False]
+
+
+@pytest.mark.parametrize(
+    "asked", [envelope, lambda rig, kg: answers.limits(rig, case.LimitsOptions(outer_end_mass_kg=kg))]
+)
+def test_a_loop_that_an_effect_makes_unstable_has_no_limits(tame: Prototype, asked: Callable[..., Any]):
+    """Of a gain just below the critical one, with sides of the piston that are unequal; laws that are not linear."""
+    gain = critical_gain(tame, 0.0).gain_A_per_V
+    near = tame.but(controller=tame.own_controller.but(gain_A_per_V=0.97 * gain))
+    assert "not stable" not in asked(near, 0.0).reason
+    assert "not stable" in asked(near.but(effects={"unequal_piston_areas": {"asymmetry": 0.3}}), 0.0).reason
 
 
 def test_certify_writes_what_holds_between_beside(tame: Prototype, tmp_path: Path):
