@@ -306,7 +306,7 @@ class Limits(Result):
         if isinstance(found, str):
             return []
         gain = self.prototype.own_controller.gain_A_per_V
-        unit, factor = read_in(gain, "A/V")
+        (unit, factor), oscillates = read_in(gain, "A/V"), gain >= found.critical_gain_all_A_per_V
         return [
             ("outer beam's tip compliance within 10 % up to, Hz", found.outer_Hz),
             ("inner beam's", found.inner_Hz),
@@ -316,10 +316,7 @@ class Limits(Result):
             (f"critical gain with one mode per beam, {unit}", factor * found.critical_gain_A_per_V),
             (f"with all modes, {unit}", factor * found.critical_gain_all_A_per_V),
             ("of the critical gain taken by them, %", 100 * found.gain_margin_eaten),
-            (
-                f"its own gain{', with which it oscillates then' * (gain >= found.critical_gain_all_A_per_V)}, {unit}",
-                factor * gain,
-            ),
+            (f"its own gain{', at which it oscillates by them' * oscillates}, {unit}", factor * gain),
         ]
 
     def linear_rows(self) -> list[tuple[str, float, float | str, float]]:
