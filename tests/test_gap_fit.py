@@ -30,6 +30,7 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.plant.assembly import fits, structure_of
 from beamdesign.plant.effects import causes
 from beamdesign.structure.lumped import figures
@@ -458,6 +459,18 @@ def test_a_figure_of_small_tolerance_is_found_however_many_of_these_it_is_off():
     found = fit(NOTHING, SimpleNamespace(unknowns=unknowns), [piece], np.zeros(2))
     exact = np.linalg.solve(np.eye(2) + h.T @ h, h.T @ piece.y)
     np.testing.assert_allclose(found.z, exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize("slope", [0.0, -50.0, 50.0])
+def test_a_fit_that_was_broken_off_is_worth_what_it_has_reached(slope: float):
+    """Laplace's method at the fit: cost and curvature there, and nothing of what its slope promises elsewhere.
+
+    D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms (2003), equation (27.3).
+    """
+    unknown = SimpleNamespace(kind="figure", name="oil_stiffness")
+    share = Share(100.0, np.array([slope - 0.5]), np.array([[3.0]]))
+    found = Fit(NOTHING, (unknown,), np.array([0.5]), 100.25, (share,))
+    assert marginal_likelihood(found, 1.0) == pytest.approx(-0.5 * (100.25 + np.log(4.0)))
 
 
 def test_a_slope_that_never_ends_is_left_after_so_many_steps():

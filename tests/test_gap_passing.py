@@ -16,6 +16,7 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, learnable
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.judgement import judge
@@ -131,6 +132,22 @@ def test_a_record_that_contradicts_all_others_is_left_out(few: None, monkeypatch
     assert found.gap.after < 1.2 * found.gap.noise_floor
     assert found.warnings[0].startswith("disturbance_small: nothing explains it")  # before what is harmless
     assert {record.record for record in found.gap.records} == {"command_small", "command_large", "disturbance_large"}
+
+
+def test_a_record_is_not_left_out_that_what_explains_the_others_explains(few: None) -> None:
+    """Fits to all records may end in another valley: of a valve that was a wrong figure's cause they did."""
+    data = measured(SLOW_RIG, scenario(0.7))
+    data = replace(data, records=data.records[:4])
+    null = search(data, 1).null
+    astray = Fit(SLOWED, null.unknowns, null.z, 2 * null.cost, tuple(replace(s, c=2 * s.c) for s in null.shares))
+    look = looked_at(data, Search(null, (astray,), sum(e.expected for e in record_evidence(data))))
+    assert look.judged.unknown > 0.5
+    found = without_one(look)
+    assert found is not None
+    assert [record.name for record in found.data.records] == [record.name for record in data.records]
+    assert (found.words, found.doubtful) == ((), False)
+    assert found.judged.best.hypothesis == SLOWED
+    assert found.judged.best.values["sensor_lag.break_Hz"] == pytest.approx(120.0, rel=0.05)
 
 
 def test_of_a_sound_rig_the_others_are_said_to_need_no_cause(few: None) -> None:
