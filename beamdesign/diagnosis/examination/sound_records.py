@@ -360,7 +360,8 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     start = float(np.mean(moved[:3]))
     most = max(_RESTLESS * noise, _MOVED * size)
     if abs(start) > most:
-        begins = f"displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
+        begins = f"displacement_m begins at {start:.3g} m (rms {size:.2g} m); what it rests at is no part of it:"
+        begins += " `beamdesign gap import --rest-s` takes that off"
         yield "not_at_rest", f"does not start at rest without load: {begins}"
     loop = nominal_loop(prototype, record)
     count = max(2 * _ENDS, round(_SET_OFF_S / record.step))
