@@ -4,11 +4,14 @@ Symbols are those of Zalucky and Hardt (1984), equations (7) to (18), where the 
 """
 
 from collections.abc import Mapping
+from decimal import ROUND_FLOOR
+from math import nextafter
 
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.component import Parameter
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Tolerance
+from beamdesign.quantities import decimal
 from beamdesign.records import InputError, Problem
 
 
@@ -97,13 +100,23 @@ def stated_or_typical(tolerance: Tolerance, actuator: type[Actuator]) -> tuple[T
     return typical, f"no [tolerance] is stated for any figure; typical ones are taken ({taken}): better state your own"
 
 
-def refuse_none_left(deviations: Mapping[str, float], sigmas: float, place: str = "tolerance") -> None:
+def refuse_none_left(
+    deviations: Mapping[str, float], sigmas: float, place: str = "tolerance", remedies: Mapping[str, str] | None = None
+) -> None:
     """Refuse so many relative standard deviations, by key, of which a figure would reach zero.
+
+    Args:
+        deviations: by key.
+        sigmas: how many.
+        place: what holds the keys.
+        remedies: what to write instead, by key; `{}` in it stands for the largest of two digits that is allowed.
 
     Raises:
         InputError: of that place, for every such key.
     """
-    reason = "{:g} standard deviations of {:g} reach zero"
     wide = {key: size for key, size in deviations.items() if exact(sigmas) * exact(size) >= 1}
     if wide:
-        raise InputError(place, [Problem(key, reason.format(sigmas, size)) for key, size in wide.items()])
+        most = decimal(nextafter(1 / sigmas, 0.0), 2, ROUND_FLOOR)
+        instead = {key: f"; {words.format(most)}" for key, words in (remedies or {}).items()}
+        reasons = {key: f"{sigmas:g} standard deviations of {size:g} reach zero" for key, size in wide.items()}
+        raise InputError(place, [Problem(key, reason + instead.get(key, "")) for key, reason in reasons.items()])

@@ -62,6 +62,31 @@ def test_tolerances_that_cannot_be_are_told(instead, words):
         spreading(read_prototype(TAME), instead)
 
 
+@pytest.mark.parametrize(
+    ("method", "spread", "most"),
+    [("tolerance", {}, 0.24), ("sensitivity", {"outputs": ["bandwidth_Hz"]}, 0.24),
+     ("worst_case", {"output": "bandwidth_Hz", "sigmas": 3.0}, 0.33),
+     ("worst_case", {"output": "bandwidth_Hz", "sigmas": 10.0}, 0.099)],
+)  # fmt: skip
+def test_deviations_that_reach_zero_are_told_with_what_to_write(sweep, method, spread, most):
+    """What is to be written is taken, and a twentieth more is not."""
+
+    def refused(damping):
+        kept = dict.fromkeys(type(read_prototype(TAME).tolerance).model_fields, 0.01) | {"beam_damping_ratio": damping}
+        try:
+            plan(sweep(method, 128, spread=spread | {"tolerance": kept}))
+        except InputError as error:
+            return {problem.key: problem.reason for problem in error.problems}
+        return {}
+
+    words = f"write beam_damping_ratio = {most}, or less, under [spread.tolerance] in the sweep file"
+    found = refused(0.5)
+    assert found.keys() == {"outer_beam.damping_ratio", "inner_beam.damping_ratio"}
+    assert all(words in reason for reason in found.values())
+    assert refused(most) == {}
+    assert refused(1.05 * most)
+
+
 def test_prototype_without_tolerances_has_nothing_to_spread():
     with pytest.raises(InputError, match="no standard deviation"):
         spreading(read_prototype(TAME.parent / "paper_remedy.toml"), {})

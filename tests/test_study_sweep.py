@@ -656,6 +656,19 @@ def test_why_tells_checks_binding_ones_and_prices(sweep, command, tmp_path):
         command("why", tmp_path / "out" / "zzz")
 
 
+def test_why_tells_outputs_only_where_there_are_some(sweep, command, tmp_path):
+    command("run", sweep(vary=[MASSES | {"values": [2.0, -1.0]}]), "--out", tmp_path / "out")
+    words = "no more than its outputs"
+    status, output, _ = command("why", tmp_path / "out" / "0")
+    assert status == 0
+    assert words in output
+    assert "critical_gain_A_per_V: " in output
+    status, output, _ = command("why", tmp_path / "out" / "1")
+    assert status == 1
+    assert "refused: options.outer_end_mass_kg" in output
+    assert words not in output
+
+
 def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(sweep, tmp_path):
     """Static compliance falls with the gain alone, so the largest gain wins; the loop is stable everywhere there."""
     path = sweep(

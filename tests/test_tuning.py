@@ -116,6 +116,33 @@ def test_tuning_is_repeatable(rig: Prototype, lag: Tuning):
     assert again.best.controller == lag.best.controller
 
 
+@pytest.mark.parametrize("unit_kg", [1 / 256, 1.0, 64.0])
+def test_a_mass_inside_that_is_next_to_nothing_is_none(unit_kg: float):
+    """An optimiser stops a hair within its bounds; nobody mounts 0.1 mg on a beam of some kilograms."""
+    form = replace(form_of("lag"), mass_unit_kg=unit_kg)
+
+    def inside(units: float) -> float:
+        return Design(form, np.append(np.log([0.02, 1.75, 26.0]), units * unit_kg)).inner_end_mass
+
+    assert [inside(units) for units in (-1e-9, 1e-9, 1e-7, 5e-6, 9e-5)] == [0.0] * 5
+    assert inside(2e-4) == pytest.approx(2e-4 * unit_kg, rel=0.02)
+    assert inside(4.5) == pytest.approx(4.5 * unit_kg, rel=1e-6)
+
+
+def test_what_is_proved_of_next_to_nothing_inside_is_proved_of_nothing(rig: Prototype):
+    form, breaks = form_of("lag"), np.log([1.75, 26.0])
+    gain_alone = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
+    task = Search(family(rig).members, rig.goal.but(peak_over_passive=inf), (0.0, 2.0), (5e-5, 5e-5))
+    best = search(task, [Design(gain_alone, np.append(np.log([0.001, 1.75, 26.0]), 5e-5))]).proved
+    assert best is not None
+    assert best.inner_end_mass_kg == 0.0
+    bare = rig.but(controller=best.controller, goal=task.goal, payload=Payload(inner_end_mass_kg=0.0))
+    guaranteed = certify(bare, 0.0, 2.0).guaranteed
+    assert guaranteed is not None
+    assert guaranteed.bandwidth_Hz == pytest.approx(best.bandwidth_Hz, rel=1e-6)
+    assert guaranteed.peak_sensitivity == pytest.approx(best.peak_sensitivity, rel=1e-3)
+
+
 def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag: Tuning):
     """Lag 1.75/26 Hz with 4.5 kg inside, the gain alone tuned; tuning all of it beats that by 30 %."""
     form, breaks = form_of("lag"), np.log([1.75, 26.0])

@@ -232,7 +232,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         echo(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
     if "traceback" in details:
         echo(details["traceback"].rstrip())
-    if not details:
+    if record["outputs"] and not details:
         echo("  the task keeps no more than its outputs:")
         for name, value in record["outputs"].items():
             echo(f"  {name}: {value}")

@@ -183,7 +183,9 @@ def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float 
     found = [figure for figure in found if figure.deviation > 0 and figure.value not in (0.0, (0.0, 0.0))]
     if not found:
         raise InputError(prototype.name, [Problem("tolerance", "states no standard deviation, so nothing spreads")])
-    refuse_none_left({figure.key: figure.deviation for figure in found}, sigmas, prototype.name)
+    write = "write {} = {{}}, or less, under [spread.tolerance] in the sweep file"
+    remedies = {row.place: write.format(row.tolerance) for row in PARAMETERS.values()}
+    refuse_none_left({figure.key: figure.deviation for figure in found}, sigmas, prototype.name, remedies)
     return tuple(found)
 
 

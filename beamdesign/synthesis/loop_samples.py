@@ -223,8 +223,9 @@ class Design:
 
     @property
     def inner_end_mass(self) -> float:
-        """Mass inside, kg, rounded."""
-        return round(float(self.variables[self.form.size]), 6 - round(log10(self.form.mass_unit_kg)))
+        """Mass inside, kg, rounded; one that is next to nothing is none."""
+        mass, unit = float(self.variables[self.form.size]), self.form.mass_unit_kg
+        return round(mass, 6 - round(log10(unit))) if mass >= _LEAST_INSIDE * unit else 0.0
 
     @property
     def chosen(self) -> np.ndarray:
@@ -369,6 +370,9 @@ def _settled(points: Samples, goal: Goal, loop: np.ndarray) -> bool:
         return False
     return not (goal.lower_gains and _passes_behind(loop[:-1][same], loop[1:][same]).any())
 
+
+_LEAST_INSIDE = 1e-4
+"""Of the mass inside in its unit, what is not none."""
 
 _STEP = 1e-4
 """Of the mass inside in its unit, for the slope of what its largest compliance is without a law."""
