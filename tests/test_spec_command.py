@@ -8,11 +8,12 @@ import sys
 from decimal import Decimal
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import ezdxf
 import numpy as np
 import pytest
-from ezdxf import recover
+from ezdxf import bbox, recover
 from ezdxf.fonts.fonts import make_font
 from typer.testing import CliRunner
 
@@ -240,6 +241,17 @@ def test_one_prototype_gives_the_same_bytes_of_its_drawing() -> None:
     one, other = (drawing(published) for _ in range(2))
     assert dxf_text(one) == dxf_text(other)
     assert svg_text(one, "") == svg_text(other, "")
+
+
+@pytest.mark.parametrize("length_m", [0.2, 1.0, 5.0])
+def test_the_picture_of_a_drawing_is_as_high_as_the_drawing_is(length_m: float) -> None:
+    """By the extents that ezdxf finds in model space; of a link of 5 m the picture was half as high again as wide."""
+    sizes = {"free_length_m": length_m, "length_m": length_m + 0.1}
+    rig = read_prototype(PROTOTYPES / "paper_remedy.toml")
+    document = drawing(rig.but(outer_beam=rig.outer_beam.but(**sizes), inner_beam=rig.inner_beam.but(**sizes)))
+    view = ElementTree.fromstring(svg_text(document, "")).get("viewBox", "").split()
+    width, height, _ = bbox.extents(document.modelspace()).size
+    assert float(view[3]) / float(view[2]) == pytest.approx(height / width, abs=0.04)
 
 
 def test_what_is_unstable_is_not_specified(tmp_path: Path) -> None:

@@ -28,6 +28,8 @@ LAYERS = {
 _STYLE = "BEAMDESIGN"
 _DRAWN_MM = 210.0
 """Length of the longest tube on the paper that text and arrows are sized for."""
+_PAGE_MM = 400.0
+"""Width of the picture, whose height follows."""
 
 
 def missing_geometry(prototype: Prototype) -> str:
@@ -119,8 +121,9 @@ def svg_text(document: "Drawing", description: str) -> str:
         background_policy=BackgroundPolicy.OFF, color_policy=ColorPolicy.BLACK, lineweight_scaling=0.5
     )
     Frontend(RenderContext(document), backend, config=config).draw_layout(document.modelspace())
-    page = layout.Page(400, 0, layout.Units.mm, layout.Margins.all(4))
-    text = backend.get_string(page, settings=layout.Settings(scale=1 / 5))
+    drawn, margin = backend.player().bbox(), 4.0
+    page = layout.Page(_PAGE_MM, 0, layout.Units.mm, layout.Margins.all(margin))
+    text = backend.get_string(page, settings=layout.Settings(scale=(_PAGE_MM - 2 * margin) / drawn.size.x))
     text = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", text)
     return svg_element(text.replace("#000000", "var(--ink, #000)"), description)
 

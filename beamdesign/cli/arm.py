@@ -93,7 +93,7 @@ def arm(
             gap = "" if travel.gap_m is None else f", of a gap of {1e3 * travel.gap_m:.4g} mm"
             y, z = (1e3 * value + 0.0 for value in travel.travel_m)
             touches = ": the tubes TOUCH" if travel.touches else ""
-            echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
+            echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z, of its weight too{gap}{touches}")
         most = offset_for_goal_m(own)
         if any(sensor_of(own)):
             echo("the servos hold the point that they measure, twist or not; how the end turns, they do not see")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure.arm import ArmFigures, arm_figures, arm_of
 from beamdesign.structure.lumped import lumped_beam
@@ -158,7 +159,7 @@ class InnerTravel:
     """How far the inner beam's tip gives way under both actuators.
 
     Attributes:
-        travel_m: in y and z, m.
+        travel_m: in y and z, m; along z with the weight of the link, which lies level.
         gap_m: between the tubes on each side, at rest; None where a section is not known.
         round: whether the outer tube is, so that it is the whole way that counts and not that to each side.
     """
@@ -175,9 +176,13 @@ class InnerTravel:
 
 
 def inner_travel(prototype: Prototype, case: Remaining) -> InnerTravel:
-    """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction."""
+    """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction.
+
+    The link lies level: along z the servo carries the outer beam's own weight too, and the inner beam sags by its own.
+    """
     stiffness = lumped_beam(prototype.inner_beam, "inner_beam").stiffness
     y, z = (-force / stiffness for force in case.actuators_N)
+    z -= weight_N(prototype, 0.0) / stiffness + own_sag_m(prototype)
     gap = gaps(prototype.outer_beam, prototype.inner_beam)
     return InnerTravel((y, z), None if gap is None else gap[0], prototype.outer_beam.shape == "round")
 
