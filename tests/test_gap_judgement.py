@@ -263,8 +263,8 @@ def test_beside_another_cause_too_a_figure_no_rig_has_so_far_off_is_eased():
     null = made((), 30 * EXPECTED, oil_stiffness=-8.0)
     judged = judge(found(null, lag, made(("entrained_air",), 29 * EXPECTED), both))
     assert judged.best.hypothesis == both.hypothesis
-    freed = made((LAG, "parameter:oil_stiffness"), 1.1 * EXPECTED)  # says no more than that it is off
-    assert judge(found(null, lag, freed)).best.hypothesis == lag.hypothesis
+    alone, freed = made((LAG,), EXPECTED, oil_stiffness=-8.0), made((LAG, "parameter:oil_stiffness"), EXPECTED)
+    assert judge(found(null, alone, freed)).best.hypothesis == lag.hypothesis  # it says no more than that it is off
     within = replace(lag, z=lag.z * 3.5 / 8.0, cost=lag.cost - 8.0**2 + 3.5**2)  # as a rig may be
     judged = judge(found(null, within, made(("entrained_air",), 29 * EXPECTED), both))
     assert judged.best.hypothesis == lag.hypothesis

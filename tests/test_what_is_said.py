@@ -112,7 +112,8 @@ def test_a_tuned_prototype_that_is_undecided_between_frozen_values_is_no_yes(
         assert found is not None
         return replace(found, stable=None, reason="left open")
 
-    monkeypatch.setattr(certifying, "between", undecided)
+    for module in (certifying, tuning):
+        monkeypatch.setattr(module, "between", undecided)
     status, fields = tuned()
     assert (status, fields["stable_between"]) == (1, None)
 

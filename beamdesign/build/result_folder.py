@@ -245,6 +245,10 @@ def statements(run: DesignRun) -> Iterator[Statement]:
         held = f"{run.holding.held}, the link level, and the tubes do not touch"
         claim = f"the actuator holds {held}, of {rigs_in_words(0.0)}"
         yield Statement(claim, "refuted" if run.holding.missed else _VERIFIED, how)
+        if modes := run.holding.all_modes:
+            claim = f"the gain lies below the critical one of all bending modes of both beams, {modes.figures[1]}"
+            how = "exact beams on a grid of frequencies; proofs have one mode per beam"
+            yield Statement(claim, _VERIFIED if modes.met else "refuted", how)
     if sizing.stock:
         how = f"all {sizing.stock.pairs} pairs were checked"
         yield Statement("no lighter pair of the stock list passes", _VERIFIED, how)

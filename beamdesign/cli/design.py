@@ -75,6 +75,8 @@ def run(
         *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)
+    if held is not None and held.caution:
+        echo(f"caution: it takes {held.caution}")
     fields = {
         "prototype": folder["prototype"],
         "certificate": folder[f"certificate{end}"],
@@ -265,6 +267,8 @@ def codesign(
     ]
     title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved for {rigs_in_words(point.proved.sigmas)}"
     echo_table(title, ("figure", "value"), rows)
+    if found.caution:
+        echo(f"caution: it takes {found.caution}")
     return CommandResult(paths | found.to_dict() | {"guaranteed": proved} | limit, files=paths.values())
 
 

@@ -100,6 +100,11 @@ class Codesign(Result):
         return () if self.holding is None else in_words(self.holding.ways)
 
     @property
+    def caution(self) -> str:
+        """What is to be heeded of the design; empty where there is nothing."""
+        return "" if self.holding is None else self.holding.caution
+
+    @property
     def prototype(self) -> Prototype | None:
         """The rig of the design."""
         return None if self.point is None else self.point.prototype
@@ -111,7 +116,7 @@ class Codesign(Result):
         masses = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
         chosen = picked(self.point, "outer=outer.sizes inner=inner.sizes controller=proved.controller")
         checks = [picked(check, "name value limit utilisation") for check in self.point.checks]
-        return finite(masses | chosen | {"checks": checks, "attempts": self.attempts})
+        return finite(masses | chosen | {"checks": checks, "attempts": self.attempts, "caution": self.caution})
 
     def columns(self) -> dict[str, Any]:
         """Its row in a table of many."""

@@ -12,7 +12,8 @@ middle of its stroke without it. A beam weighs at its tip by its end mass and 3/
 - Actuator: load and weight, held still (`Actuator.holding`): pressure of the supply, or current of the motor.
 - Its stroke and what else it has to be rated for (`Actuator.ratings`): up to the bandwidth.
 - Strength of the inner tube, without a safety factor: up to the bandwidth, where it may resonate.
-- Gain: below the critical one of all bending modes, of which the proofs have one per beam.
+- Gain: below the critical one of all bending modes, of which the proofs have one per beam; where it is not, that is a
+  caution.
 - Bandwidth: at least the one up to which the study wants its load held still.
 
 What holds still is asked before anything is tuned (`standing`), the rest of a tuned design (`working`). What needs a
@@ -52,6 +53,7 @@ from beamdesign.synthesis.changes import (
     Change,
     Way,
     changed,
+    in_words,
     strictest,
 )
 from beamdesign.synthesis.operating_limits import demand, grid_Hz, needs_to_carry
@@ -62,6 +64,7 @@ _PER_LOAD = 4 / 3
 _POINTS = 60
 _GAP, _BEND = "gap between the tubes", "travel that the inner tube bears"
 _MODES = "critical gain with all bending modes"
+_OSCILLATES = "with one mode per beam, as proofs have it, the loop is stable, and with all of them it oscillates"
 _BELOW = 0.8  # of the frequency at which all modes oscillate: from there on a limit of the loop gain helps
 
 
@@ -119,8 +122,20 @@ class Holding:
 
     @property
     def missed(self) -> tuple[Demanded, ...]:
-        """What is not met."""
-        return tuple(limit for limit in self.limits if not limit.met)
+        """What is not met, without which it is no design."""
+        return tuple(limit for limit in self.limits if not (limit.met or limit.name == _MODES))
+
+    @property
+    def caution(self) -> str:
+        """What is to be heeded of a design, with what to change; empty where there is nothing."""
+        if self.all_modes is None or self.all_modes.met:
+            return ""
+        return f"{self.all_modes.words}: {_OSCILLATES}; {', or '.join(in_words(self.all_modes.ways))}"
+
+    @property
+    def all_modes(self) -> Demanded | None:
+        """The gain of a tuned design, of the critical one of all bending modes."""
+        return next((limit for limit in self.limits if limit.name == _MODES), None)
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -152,7 +167,7 @@ class Holding:
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
         limits = [picked(limit, "name needed available unit met") for limit in self.limits]
-        return finite(picked(self, "load_N weight_N missing") | {"limits": limits})
+        return finite(picked(self, "load_N weight_N missing caution") | {"limits": limits})
 
 
 def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float]) -> Holding:
