@@ -99,6 +99,21 @@ def test_effects_in_company_are_proved_again(tame: Prototype):
     assert found.text.count("[[loop]]") == 2
 
 
+@pytest.mark.parametrize("names", [("joint_backlash", "mount_compliance"), ("entrained_air", "valve_hysteresis")])
+def test_with_numbers_for_what_does_not_vary_every_member_is_the_same(tame: Prototype, names: tuple[str, ...]):
+    """Exactly, to a factor: at both ends and between them."""
+    rig = with_effects(tame, *names)
+    box = tolerance_box(rig, 0.0, None, (0.0, 6.8))
+    whole, few = (rig_family(rig, varying=box.ranges, numbers=numbers) for numbers in (False, True))
+    assert set(box.ranges) <= set(few.values) < set(whole.values)
+    assert "outer_stiffness" not in few.values
+    for share in (fmpq(0), fmpq(1, 3), fmpq(1)):
+        at = {name: low + share * (high - low) for name, (low, high) in box.ranges.items()}
+        full, short = (member_of(one.over(box.ranges), {**one.values, **at}).plain for one in (whole, few))
+        assert full * short.leading_coefficient() == short * full.leading_coefficient()
+        assert full.degree() > 4
+
+
 def test_an_unstable_range_has_its_stable_part_in_common(remedy: Prototype):
     """Gains of the two sides times the controller's, on the rig without effects: the stable masses of both.
 

@@ -10,6 +10,7 @@ polynomial alone, whatever it is of:
 - where that ends, leaves are bound: enumerated, and constants to the rest. As few as will do are sought.
 """
 
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -60,16 +61,15 @@ def read_once(p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]) ->
     Raises:
         NotCovered: with more than one kept apart, where they multiply each other in several places.
     """
-    key = (p.context().names(), str(p), tuple(parameters), tuple(apart))
-    if key not in _found:  # a specification asks for the same form some forty times
-        if len(_found) > _KEPT:
-            _found.clear()
-        _found[key] = _read_once(p, parameters, apart)
-    return _found[key]
+    asked = (p.context().names(), tuple(parameters), tuple(apart))
+    known = next((form for key, of, form in _found if key == asked and of == p), None)
+    if known is None:  # a specification asks for the same form some forty times
+        known = _read_once(p, parameters, apart)
+        _found.append((asked, p, known))
+    return known
 
 
-_KEPT = 64
-_found: dict[tuple[object, ...], Expression] = {}
+_found: deque[tuple[tuple[object, ...], fmpq_mpoly, Expression]] = deque(maxlen=64)
 
 
 def _read_once(p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]) -> Expression:

@@ -81,6 +81,7 @@ def rig_family(
     claim: Asked | None = None,
     delayed: bool = True,
     varying: Mapping[str, Interval] | None = None,
+    numbers: bool = False,
 ) -> PolynomialFamily:
     """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
 
@@ -98,6 +99,8 @@ def rig_family(
         delayed: whether there may be a delay.
         varying: ranges of a box, where it is known: what of the actuator is chosen, such as the lead of a screw, and
             does not vary is a number then, and effects are those under the largest outer end mass.
+        numbers: whether every figure of the rig that does not vary is: of several effects p has millions of terms over
+            all of them.
 
     Raises:
         ValueError: without a controller, or for stages of a law that has no static gain to take their sign from.
@@ -106,8 +109,9 @@ def rig_family(
     heaviest = nearest(varying["outer_end_mass"][1]) if varying and "outer_end_mass" in varying else None
     values, found = rig_values(prototype, heaviest), family(prototype, heaviest)
     if varying is not None:
-        chosen = {row.name for row in prototype.actuator.parameters if not row.typical and row.name not in varying}
-        values = {name: value for name, value in values.items() if name not in chosen}
+        chosen = {row.name for row in prototype.actuator.parameters if numbers or not row.typical}
+        fixed = (chosen | {*figures(prototype)} if numbers else chosen) - {*varying}
+        values = {name: value for name, value in values.items() if name not in fixed}
     further = {key: key.replace(".", "_") for key in varied}
     values |= {
         name: exact(found.rest.rig.effects[(at := key.partition("."))[0]][at[2]]) for key, name in further.items()

@@ -341,4 +341,4 @@ def between(prototype: Prototype, low_kg: float, high_kg: float) -> BoxVerdict |
     if not any(span.low < span.high for span in found.spans.values()):
         return None
     box = tolerance_box(prototype, 0.0, None, (low_kg, high_kg))
-    return certify_box(prototype, box, BUDGET, volumes=False)
+    return certify_box(prototype, box, BUDGET, volumes=False, numbers=True)
