@@ -115,14 +115,18 @@ class Affine:
 
 @dataclass(frozen=True)
 class Quotient:
-    """A quotient of polynomials in several variables, in lowest terms, which reckons with rationals too."""
+    """A quotient of polynomials in several variables, which reckons with rationals too.
+
+    It is in lowest terms, of a denominator with leading coefficient 1, as numbers else grow without end.
+    """
 
     numerator: fmpq_mpoly
     denominator: fmpq_mpoly
 
     def _over(self, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> "Quotient":
         common = numerator.gcd(denominator)
-        return Quotient(divmod(numerator, common)[0], divmod(denominator, common)[0])
+        above, below = divmod(numerator, common)[0], divmod(denominator, common)[0]
+        return Quotient(above / below.leading_coefficient(), below / below.leading_coefficient())
 
     def _lifted(self, other: "Quotient | fmpq") -> "Quotient":
         nothing = 0 * self.numerator

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flint import fmpq
+from flint import fmpq, fmpq_mpoly_ctx
 from forging import altered, resealed
 from rigs_of_effects import with_effects
 from typer.testing import CliRunner
@@ -112,6 +112,16 @@ def test_with_numbers_for_what_does_not_vary_every_member_is_the_same(tame: Prot
         full, short = (member_of(one.over(box.ranges), {**one.values, **at}).plain for one in (whole, few))
         assert full * short.leading_coefficient() == short * full.leading_coefficient()
         assert full.degree() > 4
+
+
+def test_numbers_over_parameters_do_not_grow_with_effects(tame: Prototype):
+    """A common factor of some 180,000 binary digits made of one proof gigabytes."""
+    plant = family(with_effects(tame, "mount_compliance", "second_beam_mode", "unequal_piston_areas"), 6.8).rest.rig
+    context = fmpq_mpoly_ctx.get(["s", "outer_end_mass", "inner_end_mass", *plant.figures], "lex")
+    below, above = plant.over_parameters(("displacement_m",), context, {name: name for name in plant.figures})
+    numbers = [c for polynomial in (below, *above) for c in polynomial.coeffs()]
+    assert len(numbers) > 2000
+    assert max(max(int(c.p).bit_length(), int(c.q).bit_length()) for c in numbers) < 1000
 
 
 def test_an_unstable_range_has_its_stable_part_in_common(remedy: Prototype):
