@@ -242,6 +242,19 @@ def test_what_lies_along_an_axis_is_two_points_to_prover_and_check():
     assert check(certify_box(sum_of_all, box_of(dict.fromkeys(names, (0.0, 1.0)))).certificate).valid
 
 
+def test_a_delay_that_does_not_vary_is_one_point_to_prover_and_check():
+    """The check counted the corners of an arc for it, and refused what had been proved."""
+    names = [f"q{i}" for i in range(15)]
+    leaves = {f"leaf{i}": f"1 + {name}" for i, name in enumerate(names)}
+    values = dict.fromkeys(names, fmpq(0)) | {"T": fmpq(0)}
+    late = PolynomialFamily(
+        "late", "alone + late*" + "*".join(leaves), values, {"alone": "s", **leaves}, (), {"late": "T"}
+    )
+    verdict = certify_box(late, box_of(dict.fromkeys(names, (0.0, 0.01))))
+    assert verdict.stable
+    assert check(verdict.certificate).valid
+
+
 LAGGING = PolynomialFamily(
     "a beam behind a lag",
     "lag*beam + push",

@@ -134,7 +134,7 @@ def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: P
         found: list[Scaling] = []
         for law, masses, _ in stages:
             box = tolerance_box(law, 1.0, None if spread is None else tuple(spread), masses, spread=spread)
-            found.append(largest_scaling(law, box, within, _BUDGET, most))
+            found.append(largest_scaling(law, box, within, _BUDGET, most, numbers=True))
             most = found[-1].proved or most  # no more counts than what the law before it bears
         return _Borne(tuple(found))
 

@@ -300,7 +300,7 @@ def control_points(expression: Expression) -> int:
         if node.kind == "sum":
             return (sum if node is expression.quotient else prod)(map(of, node.parts))
         if node.kind in ("delay", "unknown"):
-            return TANGENTS + 2
+            return TANGENTS + 2 if node.name in expression.varying else 1
         if node.kind == "inverse":
             return of_leaf(node.name) * (of_leaf(node.name) + 1) // 2
         return prod(map(of, node.parts), start=1 if node.packs or node.parts else of_leaf(node.name))

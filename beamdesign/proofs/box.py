@@ -275,7 +275,7 @@ def certify_box(
     seconds: float = inf,
     volumes: bool = True,
     searched: bool = False,
-    numbers: bool = False,
+    family: PolynomialFamily | None = None,
 ) -> BoxVerdict:
     """Prove or refute stability for every member of a box: zero exclusion by branch and bound.
 
@@ -289,12 +289,13 @@ def certify_box(
         seconds: most time to spend on the search; what was found until then is proved all the same.
         volumes: whether to work out the volumes of a box that is not proved.
         searched: whether members that are not stable were looked for already, in vain, in the box or a larger one.
-        numbers: as of `rig_family`.
+        family: that of a prototype over these ranges, where it is known.
 
     Raises:
         ValueError: for a parameter that the family does not have, or a range that it does not allow.
     """
-    family = rig_family(subject, varying=box.ranges, numbers=numbers) if isinstance(subject, Prototype) else subject
+    if family is None:
+        family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
     statement = family.over(box.ranges)
     nominal = {**family.values, **box.nominal}
     writer = partial(box_certificate, subject, family, statement)

@@ -33,7 +33,7 @@ _LEAST_BAND = 1e-200
 _LEADING_RATIO = 100
 """Where the leading coefficient varies by more than this, smaller boxes are better than high frequencies."""
 
-_MOST_POINTS = 100_000
+_MOST_POINTS = 200_000
 """Most control points of a hull; beyond that a single piece takes seconds to prove."""
 
 _CLEAR = 1e-9

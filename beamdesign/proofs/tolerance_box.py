@@ -174,7 +174,12 @@ class Scaling:
 
 
 def largest_scaling(
-    subject: Prototype | PolynomialFamily, box: Box, within: float = 0.02, budget: int = 4000, most: float = 10.0
+    subject: Prototype | PolynomialFamily,
+    box: Box,
+    within: float = 0.02,
+    budget: int = 4000,
+    most: float = 10.0,
+    numbers: bool = False,
 ) -> Scaling:
     """Draw the ranges of a box out until a member refutes it, and prove as much of that as can be.
 
@@ -187,11 +192,12 @@ def largest_scaling(
         within: how near to each other, relatively, the two factors should come.
         budget: most pieces to look at for each factor.
         most: largest factor to try.
+        numbers: as of `rig_family`, where the figures of the member that refutes do not matter.
 
     Raises:
         ValueError: as `certify_box`.
     """
-    family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
+    family = rig_family(subject, varying=box.ranges, numbers=numbers) if isinstance(subject, Prototype) else subject
     limit = _limit(family, box, most)
     refuted, point, searched = _least_refuted(family, box, limit, within / 4)
     proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
@@ -199,7 +205,8 @@ def largest_scaling(
     for _ in while_time(range(_TRIES), lambda _: "the scaling as near as was asked"):
         if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
             break
-        found = certify_box(family, box.scaled(factor), budget, volumes=False, searched=factor <= searched)
+        scaled = box.scaled(factor)
+        found = certify_box(subject, scaled, budget, volumes=False, searched=factor <= searched, family=family)
         if found.stable:
             proved, verdict = factor, found
         else:
@@ -341,4 +348,5 @@ def between(prototype: Prototype, low_kg: float, high_kg: float) -> BoxVerdict |
     if not any(span.low < span.high for span in found.spans.values()):
         return None
     box = tolerance_box(prototype, 0.0, None, (low_kg, high_kg))
-    return certify_box(prototype, box, BUDGET, volumes=False, numbers=True)
+    few = rig_family(prototype, varying=box.ranges, numbers=True)
+    return certify_box(prototype, box, BUDGET, volumes=False, family=few)
