@@ -215,28 +215,32 @@ class _Form:
     def to_bind(self, packs: Sequence[str]) -> Iterator[Collection[str]]:
         """Variables to bind beside the packs, those with the fewest control points first, and at last all of them.
 
-        Found at numbers for s and what is bound, which is quick; whether it holds of all numbers is to be seen.
+        Found at numbers for s and what is bound, which is quick; whether it holds of all numbers is to be seen. A
+        variable that stands for others is bound by itself, or with all of them.
         """
         p, core = self._core(self.p.subs(_numbers([S, *packs])), self.free(packs))
         single = [name for name in core if name not in self.apart]
-        subsets = chain.from_iterable(combinations(single, count) for count in range(min(len(core), _MOST_BOUND) + 1))
-        for chosen in sorted(subsets, key=self.points):
+        subsets = [*chain.from_iterable(combinations(single, n) for n in range(min(len(core), _MOST_BOUND) + 1))]
+        together = [tuple(n for name in some for n in core[name] if n not in self.apart) for some in subsets]
+        ways = dict.fromkeys([*zip(subsets, subsets, strict=True), *zip(together, subsets, strict=True)])
+        for bound, chosen in sorted(ways, key=lambda way: self.points(way[0])):
             rest = [name for name in core if name not in chosen]
             if len(self._core(p.subs(_numbers(chosen)), rest)[1]) <= 1:
-                yield chosen
+                yield bound
         yield [name for name in self.names if name not in packs]
 
-    def _core(self, p: fmpq_mpoly, names: Sequence[str]) -> tuple[fmpq_mpoly, list[str]]:
+    def _core(self, p: fmpq_mpoly, names: Sequence[str]) -> tuple[fmpq_mpoly, dict[str, list[str]]]:
         """P with one variable for any two that enter by h(x, y) = a x + b y + c x y alone, as long as there are such.
 
-        One that stands for others keeps its name. One variable is left of what is read once.
+        One that stands for others keeps its name, and comes with all of theirs. One variable is left of what is read
+        once.
         """
-        left = [name for name in names if self.degree(p, name)]
+        left = {name: [name] for name in names if self.degree(p, name)}
         while pair := next(filter(partial(self._alike, p.to_dict()), combinations(left, 2)), None):
             parts = self._by_powers(p, pair)
             slope = next(part for powers, part in parts.items() if any(powers))
             p = self.variable(pair[0]) * slope + parts.get((0, 0), 0 * p)
-            left.remove(pair[1])
+            left[pair[0]] += left.pop(pair[1])
         return p, left
 
     def _alike(self, terms: Terms, pair: tuple[str, str]) -> bool:
