@@ -16,7 +16,8 @@ from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.fitting.weighting import TOP, banded, faded, white
+from beamdesign.diagnosis.data.input_noise import TOP, band_levels, noise_lines
+from beamdesign.diagnosis.fitting.weighting import banded, faded, white
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.component import law_inputs, state_space
 from beamdesign.plant.equilibrium import StateSpace, linearise
@@ -184,7 +185,7 @@ def noise_through_law(record: TimeRecord, controller: Controller, sensor_gain: f
     A law that resonates, as an observer may, makes of white noise what is anything but white.
 
     Args:
-        record: measured; the noise of a channel is read off the top of its spectrum.
+        record: measured; the noise of a channel is read off its spectrum, see `noise_lines`.
         controller: any, whose channels were recorded.
         sensor_gain: believed, V/m.
     """
@@ -195,7 +196,7 @@ def noise_through_law(record: TimeRecord, controller: Controller, sensor_gain: f
     for name, response in controller.sensor_responses(frequencies).items():
         size = controller.gain_A_per_V * (sensor_gain if name == "displacement_m" else 1.0)
         spectrum = np.abs(np.fft.rfft(record.measured[name])) ** 2
-        power += white(spectrum[round(TOP * len(spectrum)) :]) / count * np.abs(size * response) ** 2
+        power += white(spectrum[noise_lines(spectrum, band_levels(spectrum))]) / count * np.abs(size * response) ** 2
     return power
 
 
@@ -213,15 +214,14 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray, through_law: np.ndarra
     if rms == 0:
         return np.inf, 0.0
     difference = measured - predicted
-    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2 / count
-    top = round(TOP * len(power))
-    noise = white(power[top:])
+    power, driven = (np.abs(np.fft.rfft(y - y.mean())) ** 2 / count for y in (difference, predicted))
+    lines, shaped = np.arange(len(power)), np.zeros(len(power))
     if through_law is not None:
-        lines = np.arange(len(power))
         shaped = np.interp(lines / len(power), np.arange(len(through_law)) / len(through_law), through_law)
-        level = float(shaped[top:].mean())
-        beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
-        noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
+    top = noise_lines(power, band_levels(power, np.maximum(driven - 2 * shaped, 0.0)))  # what is heard drives nothing
+    noise, level = white(power[top]), float(shaped[top].mean())
+    beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
+    noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
     total = float(np.var(difference))
     return float(np.sqrt(max(total - noise, 0.0))) / rms, float(np.sqrt(noise)) / rms
 

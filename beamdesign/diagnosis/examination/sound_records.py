@@ -10,8 +10,9 @@ from itertools import islice
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.input_noise import TOP
 from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
-from beamdesign.diagnosis.fitting.weighting import TOP, white
+from beamdesign.diagnosis.fitting.weighting import white
 from beamdesign.plant.assembly import widened
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
