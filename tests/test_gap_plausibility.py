@@ -396,6 +396,25 @@ def test_single_samples_that_are_off_are_bridged(channel: str, sound: Recorded, 
         assert np.max(np.abs(before.measured[channel] - after.measured[channel])) < 0.04 * size[before.name]
 
 
+@pytest.mark.parametrize("channel", ["current_A", "displacement_m"])
+def test_the_zero_of_a_channel_that_is_off_is_taken_off(channel: str, sound: Recorded, tmp_path: Path):
+    """Told by the controller's equation and by how it begins; a current that saturates on one side alone has none."""
+    clean = examine(read_dataset(sound.write(tmp_path / "clean"))).data.records[0]
+    size = float(np.std(clean.measured["current_A"]))
+    put(channel, clean.name, slice(None), 0.05 * float(np.std(clean.measured[channel])))(sound)
+    found = examine(read_dataset(sound.write(tmp_path / "off")))
+    ((name, text),) = {(w.name, w.text) for w in found.warnings}
+    assert name == "offset"
+    assert f"{channel} begins" in text
+    for of, before in clean.measured.items():
+        assert np.abs(found.data.records[0].measured[of] - before).max() < 2e-3 * np.std(before)
+    cut_off = np.clip(clean.measured["current_A"], -0.8 * size, None)
+    fit = controller_fit(replace(clean, measured={**clean.measured, "current_A": cut_off}), 1180.0)
+    assert fit is not None
+    assert np.mean(cut_off) > 0.02 * size
+    assert abs(fit.offset_A) < 0.01 * size
+
+
 def test_one_command_that_the_current_follows_is_no_outlier(sound: Recorded, tmp_path: Path):
     """A pulse one sample long, which a law without a lag makes a current of at once."""
     put("command_V", "steps", 300, 50.0)(sound)

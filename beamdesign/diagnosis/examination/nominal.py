@@ -96,6 +96,7 @@ _BELOW, _ENOUGH = 0.8, 10  # of the largest current; samples for each state of a
 _LEFT = 0.05  # residual that saturation may leave and be believed
 _SURE = 3.0  # standard deviations of the noise's power
 _SEEN = 0.01  # residual from which it is worth explaining
+_CERTAIN = 6.0  # standard errors of a mean, five of a median
 _Delay = Callable[[np.ndarray, float], np.ndarray]  # the factor on a spectrum, of angular frequencies and a time
 
 
@@ -119,7 +120,7 @@ class ControllerFit:
         with_lag: residual once it is allowed.
         limit_A: level at which the current saturates; None where it does not.
         with_limit: residual once saturation is allowed; `residual` where there is none.
-        offset_A: mean of the residual.
+        offset_A: constant that most of the current is off by, which saturation is not; 0 within what noise makes.
     """
 
     residual: float
@@ -244,7 +245,9 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
     limit, with_limit, left = _saturated(current, asked, through_law) if residual >= _SEEN else (None, residual, noise)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
-    with_gain, offset = mismatch(current, gain * asked, through_law)[0], float(np.mean(current - asked))
+    with_gain, offset = mismatch(current, gain * asked, through_law)[0], float(np.median(current - asked))
+    if abs(offset) < _CERTAIN * float(np.std(current - asked)) / sqrt(len(current)):
+        offset = 0.0
     doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
     return ControllerFit(residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 

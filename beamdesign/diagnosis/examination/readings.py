@@ -18,6 +18,7 @@ from beamdesign.diagnosis.data.dataset import INPUTS, MEASURED, TimeRecord
 from beamdesign.diagnosis.data.measured_files import UNITS
 from beamdesign.diagnosis.examination import nominal
 from beamdesign.diagnosis.examination.nominal import ControllerFit
+from beamdesign.diagnosis.examination.off_zero import off_zero
 from beamdesign.diagnosis.examination.sound_records import Caution, rms
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
@@ -273,7 +274,7 @@ _SHORTEST = 0.05
 """Of a sample: channels are shifted by more, if at all."""
 _SAME_GAIN = 0.02
 _ODD_ONE = 3  # records: two whose gains differ do not say which is wrong
-_OFFSET = 0.2
+_LARGE_OFFSET = 0.2  # of a channel's deviation: more may be an amplifier's
 
 
 def contradictions(
@@ -296,9 +297,16 @@ def contradictions(
         odd = abs(fit.gain - usual) > _SAME_GAIN * abs(usual) and fit.with_gain < _EXPLAINED * fit.residual
         if _plain(fit.residual, fit) or (odd and fit.residual > fit.doubt):
             found.append(_verdict(record, fit, records, prototype, common))
-        elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
+        elif off := off_zero(record, fit, prototype.sensor.gain_V_per_m):
+            ((name, by),) = off.items()
             text = f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing"
-            found.append(Caution("offset", record.name, f"{text}: check for an offset", limits_confidence=True))
+            text += (
+                f": {name} begins {by:.3g} {name[-1]} off its zero, which is taken off; check what measures it"
+                * bool(by)
+            )
+            text += ": check for an offset" * (not by)
+            limits = not 0 < abs(by) <= _LARGE_OFFSET * float(np.std(record.measured[name]))
+            found.append(Caution("offset", record.name, text, limits_confidence=limits))
     return found
 
 
