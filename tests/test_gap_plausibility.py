@@ -244,6 +244,11 @@ def begun_at_its_place(data: Recorded) -> None:
     cut("force", 200 + int(np.argmin(np.abs(about[200:600]))), 1201)(data)
 
 
+def drifting(data: Recorded) -> None:
+    moved = data.columns["force"]["displacement_m"]
+    data.columns["force"]["displacement_m"] = moved + 0.05 * np.std(moved) * np.linspace(0, 1, len(moved))
+
+
 def load_cell_hum(data: Recorded) -> None:
     columns = data.columns["command"]
     columns["disturbance_N"] = columns["disturbance_N"] + 40 * np.sin(2 * np.pi * 50 * columns["t_s"])
@@ -304,6 +309,7 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),
     "a slow coil": (lagging, "amplifier_lag", "force", "with a time constant of 2.6", False, True),
     "hum": (humming, "controller_mismatch", "force", "most of that at 50 Hz: hum", False, True),
+    "a drift": (drifting, "controller_mismatch", "force", "slower than the record is long", False, True),
     "current of another run": (other_run, "controller", "force", "do the columns belong to one run", True, True),
     "offset": (offset, "offset", "force", "constant 0.01 A", False, True),
     "the same file twice": (copied, "duplicate", "payload", "the same measurement as force", True, True),

@@ -274,6 +274,7 @@ _SHORTEST = 0.05
 """Of a sample: channels are shifted by more, if at all."""
 _SAME_GAIN = 0.02
 _ODD_ONE = 3  # records: two whose gains differ do not say which is wrong
+_PERIODS = 2.5  # in a record: with fewer what it holds is no tone
 _LARGE_OFFSET = 0.2  # of a channel's deviation: more may be an amplifier's
 
 
@@ -369,10 +370,11 @@ def _verdict(
     text = f"{fit.residual:.0%} of the current's rms is not {made}"
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
-    line = nominal.line_left(record, gain)
-    text += (
-        f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
-    )
+    text += ": something between sensor and valve is not in the model"
+    if line := nominal.line_left(record, gain):
+        slow = line * float(np.ptp(record.times)) < _PERIODS
+        what = "slower than the record is long: a channel drifts" if slow else f"at {line:.3g} Hz: hum"
+        text = f"{fit.residual:.0%} of the current's rms is not {made}, most of that {what}"
     return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
 
 
