@@ -309,7 +309,7 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),
     "a slow coil": (lagging, "amplifier_lag", "force", "with a time constant of 2.6", False, True),
     "hum": (humming, "controller_mismatch", "force", "most of that at 50 Hz: hum", False, True),
-    "a drift": (drifting, "controller_mismatch", "force", "slower than the record is long", False, True),
+    "a drift": (drifting, "controller_mismatch", "force", "a channel drifts, or its gain is off", False, True),
     "current of another run": (other_run, "controller", "force", "do the columns belong to one run", True, True),
     "offset": (offset, "offset", "force", "constant 0.01 A", False, True),
     "the same file twice": (copied, "duplicate", "payload", "the same measurement as force", True, True),

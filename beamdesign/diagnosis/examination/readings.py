@@ -373,7 +373,9 @@ def _verdict(
     text += ": something between sensor and valve is not in the model"
     if line := nominal.line_left(record, gain):
         slow = line * float(np.ptp(record.times)) < _PERIODS
-        what = "slower than the record is long: a channel drifts" if slow else f"at {line:.3g} Hz: hum"
+        what = (
+            "slower than the record is long: a channel drifts, or its gain is off" if slow else f"at {line:.3g} Hz: hum"
+        )
         text = f"{fit.residual:.0%} of the current's rms is not {made}, most of that {what}"
     return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
 
