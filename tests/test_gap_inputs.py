@@ -5,10 +5,11 @@ from dataclasses import replace
 import gap_sets
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import firwin, lfilter
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.data.input_noise import denoised, is_answered
+from beamdesign.diagnosis.data.input_noise import band_levels, denoised, is_answered, noise_lines
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.scenario import FromCsv, Measurement
@@ -154,6 +155,38 @@ def test_noise_of_a_load_cell_is_noise_of_the_evidence(noise_N):
         placement = NOTHING.placement(data.prototype)
         at_truth = piece.residual(placement, np.zeros(len(placement.unknowns)))
         assert 0.6 < at_truth @ at_truth / piece.expected < 1.6
+
+
+@pytest.mark.parametrize("edge", [0.75, 0.8, 0.9])
+def test_noise_that_a_recorder_has_low_passed_is_read_below_its_edge(edge):
+    """A converter that decimates leaves nothing at the top of the spectrum, and as much noise as ever below."""
+
+    def low_passed(signal: np.ndarray) -> np.ndarray:
+        return np.convolve(np.pad(signal, 50, mode="edge"), firwin(101, edge), "valid")
+
+    def recorded(record: TimeRecord) -> TimeRecord:
+        inputs = np.column_stack([low_passed(record.inputs[:, 0]), record.inputs[:, 1]])
+        return replace(record, inputs=inputs, measured={name: low_passed(y) for name, y in record.measured.items()})
+
+    data = gap_sets.measured(gap_sets.believed())
+    data = replace(data, records=tuple(recorded(record) for record in data.records))
+    assert not examine(data).words
+    for piece in record_evidence(data):
+        stds = dict(zip(piece.weight.channels, piece.weight.noise_std, strict=True))
+        assert stds == {"current_A": pytest.approx(2e-5, rel=0.2), "displacement_m": pytest.approx(5e-7, rel=0.2)}
+        placement = NOTHING.placement(data.prototype)
+        at_truth = piece.residual(placement, np.zeros(len(placement.unknowns)))
+        assert 0.6 < at_truth @ at_truth / piece.expected < 1.6
+
+
+def test_what_is_driven_up_to_an_edge_is_no_noise():
+    """A drive that is as level as noise, up to where it ends, is told from it by the model that makes it."""
+    power = np.where(np.arange(1000) < 800, 1.0, 1e-4)
+    assert noise_lines(power, band_levels(power)) == slice(650, 800)
+    assert noise_lines(power, band_levels(power, 0.9 * power)) == slice(800, 1000)
+    for steep in range(1, 13):  # a motion without any noise
+        falling = np.arange(1.0, 1001.0) ** -steep
+        assert noise_lines(falling, band_levels(falling)) == slice(800, 1000)
 
 
 @pytest.mark.parametrize("force", WHITE.values(), ids=WHITE)

@@ -244,6 +244,11 @@ def begun_at_its_place(data: Recorded) -> None:
     cut("force", 200 + int(np.argmin(np.abs(about[200:600]))), 1201)(data)
 
 
+def drifting(data: Recorded) -> None:
+    moved = data.columns["force"]["displacement_m"]
+    data.columns["force"]["displacement_m"] = moved + 0.05 * np.std(moved) * np.linspace(0, 1, len(moved))
+
+
 def load_cell_hum(data: Recorded) -> None:
     columns = data.columns["command"]
     columns["disturbance_N"] = columns["disturbance_N"] + 40 * np.sin(2 * np.pi * 50 * columns["t_s"])
@@ -304,6 +309,7 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),
     "a slow coil": (lagging, "amplifier_lag", "force", "with a time constant of 2.6", False, True),
     "hum": (humming, "controller_mismatch", "force", "most of that at 50 Hz: hum", False, True),
+    "a drift": (drifting, "controller_mismatch", "force", "a channel drifts, or its gain is off", False, True),
     "current of another run": (other_run, "controller", "force", "do the columns belong to one run", True, True),
     "offset": (offset, "offset", "force", "constant 0.01 A", False, True),
     "the same file twice": (copied, "duplicate", "payload", "the same measurement as force", True, True),
@@ -394,6 +400,25 @@ def test_single_samples_that_are_off_are_bridged(channel: str, sound: Recorded, 
     assert not found.limits_confidence
     for before, after in zip(clean, found.data.records, strict=True):
         assert np.max(np.abs(before.measured[channel] - after.measured[channel])) < 0.04 * size[before.name]
+
+
+@pytest.mark.parametrize("channel", ["current_A", "displacement_m"])
+def test_the_zero_of_a_channel_that_is_off_is_taken_off(channel: str, sound: Recorded, tmp_path: Path):
+    """Told by the controller's equation and by how it begins; a current that saturates on one side alone has none."""
+    clean = examine(read_dataset(sound.write(tmp_path / "clean"))).data.records[0]
+    size = float(np.std(clean.measured["current_A"]))
+    put(channel, clean.name, slice(None), 0.05 * float(np.std(clean.measured[channel])))(sound)
+    found = examine(read_dataset(sound.write(tmp_path / "off")))
+    ((name, text),) = {(w.name, w.text) for w in found.warnings}
+    assert name == "offset"
+    assert f"{channel} begins" in text
+    for of, before in clean.measured.items():
+        assert np.abs(found.data.records[0].measured[of] - before).max() < 2e-3 * np.std(before)
+    cut_off = np.clip(clean.measured["current_A"], -0.8 * size, None)
+    fit = controller_fit(replace(clean, measured={**clean.measured, "current_A": cut_off}), 1180.0)
+    assert fit is not None
+    assert np.mean(cut_off) > 0.02 * size
+    assert abs(fit.offset_A) < 0.01 * size
 
 
 def test_one_command_that_the_current_follows_is_no_outlier(sound: Recorded, tmp_path: Path):

@@ -3,7 +3,11 @@
 import numpy as np
 from scipy.fft import dct, idct
 
-_TOP = 0.8  # of the Nyquist frequency: nothing is driven above
+TOP = 0.8  # of the Nyquist frequency: above it there is only noise
+BANDS, _FEWEST_LINES = 20, 8  # of the spectrum, that are held against each other; lines in each
+_WIDTH, _EDGE = 3, 2  # bands: that are level, and in which they fall
+_LEVEL, _FALLS = 2.0, 4.0  # greatest over least, and over what is left beyond: no power of the frequency does both
+_DRIVEN = 0.2  # of the power: what a model makes of it is no noise
 _HALF_BAND = 2 ** (1 / 6)
 _LEAST_LINES = 32  # to smooth over
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal number
@@ -14,6 +18,40 @@ _ALL = 1.15  # times the noise's power: what may be taken away as noise
 _REPEATED = 0.6  # of the samples: of pairs half are exactly as the one before, of noise in sound digits fewer
 _DIGITS, _MOSTLY = 4, 0.9  # of the finest step: what coarse digits reach beyond; how many changes are of one step
 _ANSWERED = 6.0  # standard deviations of what chance makes of a correlation with white noise
+
+
+def band_levels(power: np.ndarray, driven: np.ndarray | float = 0.0) -> np.ndarray:
+    """(2, 20) medians of a spectrum (F,) in bands up to the frequency of Nyquist; first inf where a model makes of it.
+
+    Args:
+        power: of its lines.
+        driven: (F,) part of it that a model makes, where one is at hand.
+    """
+    lines = [np.array_split(of, BANDS) for of in (power, driven + 0 * power)]
+    levels, made = (np.array([np.median(band) for band in of]) for of in lines)
+    return np.array([np.where(made < _DRIVEN * levels, levels, np.inf), levels])
+
+
+def noise_lines(power: np.ndarray, levels: np.ndarray) -> slice:
+    """Lines of a spectrum off which its white noise is read: its top fifth, where a rig of this kind moves no more.
+
+    What a converter decimates, or a program resamples, it has low-passed not far below the frequency of Nyquist: the
+    spectrum is level and then falls within a tenth, and what is left above, rounding perhaps, says nothing of the noise
+    below. There it is the highest stretch that is level before. What a rig moves falls all the way to its noise.
+
+    Args:
+        power: (F,) from 0 to the frequency of Nyquist.
+        levels: (2, 20) see `band_levels`, of the same or the least of several, whose noise is alike.
+    """
+    count, found = len(power), list[tuple[float, int]]()
+    for first in range(BANDS - _WIDTH - 1, BANDS // 2 - 1, -1) if count >= _FEWEST_LINES * BANDS else ():
+        window, beyond = levels[0, first : first + _WIDTH], levels[1, min(first + _WIDTH + _EDGE, BANDS - 1) :]
+        if window.max() < _LEVEL * window.min() and _FALLS * beyond.max() < window.min():
+            found.append((float(window.min()), first))
+    if not found:
+        return slice(round(TOP * count), count)
+    _, first = max(found[:2])  # the highest one may reach over the edge
+    return slice(first * count // BANDS, (first + _WIDTH) * count // BANDS)
 
 
 def denoised(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,10 +82,12 @@ def denoised(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _without_noise(signal: np.ndarray) -> tuple[np.ndarray, float]:
     """The input, and the power of the noise that was taken out."""
     lines = dct(signal, norm="ortho")  # of the record and its mirror image, which has no step where it ends
-    # The power of white noise by the top fifth of the spectrum, and by second differences, of which steps have few.
-    top = float(np.median(lines[int(_TOP * len(lines)) :] ** 2)) / _MEDIAN_OF_SQUARE
+    # The power of white noise by the top of the spectrum, and by second differences, of which steps have few; of noise
+    # that was low-passed these are too small.
+    read_off = noise_lines(lines, band_levels(lines**2))
+    top = float(np.median(lines[read_off] ** 2)) / _MEDIAN_OF_SQUARE
     rough = float(np.median(np.diff(signal, 2) ** 2)) / _MEDIAN_OF_SQUARE / 6
-    noise = min(top, rough) if rough > 0 else top
+    noise = min(top, rough) if rough > 0 and read_off.stop == len(lines) else top
     if noise <= 0:
         return signal, 0.0
     gains = _wiener(lines**2, noise)

@@ -16,7 +16,8 @@ from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.fitting.weighting import TOP, banded, faded, white
+from beamdesign.diagnosis.data.input_noise import TOP, band_levels, noise_lines
+from beamdesign.diagnosis.fitting.weighting import banded, faded, white
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.component import law_inputs, state_space
 from beamdesign.plant.equilibrium import StateSpace, linearise
@@ -95,6 +96,7 @@ _BELOW, _ENOUGH = 0.8, 10  # of the largest current; samples for each state of a
 _LEFT = 0.05  # residual that saturation may leave and be believed
 _SURE = 3.0  # standard deviations of the noise's power
 _SEEN = 0.01  # residual from which it is worth explaining
+_CERTAIN = 6.0  # standard errors of a mean, five of a median
 _Delay = Callable[[np.ndarray, float], np.ndarray]  # the factor on a spectrum, of angular frequencies and a time
 
 
@@ -118,7 +120,7 @@ class ControllerFit:
         with_lag: residual once it is allowed.
         limit_A: level at which the current saturates; None where it does not.
         with_limit: residual once saturation is allowed; `residual` where there is none.
-        offset_A: mean of the residual.
+        offset_A: constant that most of the current is off by, which saturation is not; 0 within what noise makes.
     """
 
     residual: float
@@ -184,7 +186,7 @@ def noise_through_law(record: TimeRecord, controller: Controller, sensor_gain: f
     A law that resonates, as an observer may, makes of white noise what is anything but white.
 
     Args:
-        record: measured; the noise of a channel is read off the top of its spectrum.
+        record: measured; the noise of a channel is read off its spectrum, see `noise_lines`.
         controller: any, whose channels were recorded.
         sensor_gain: believed, V/m.
     """
@@ -195,7 +197,7 @@ def noise_through_law(record: TimeRecord, controller: Controller, sensor_gain: f
     for name, response in controller.sensor_responses(frequencies).items():
         size = controller.gain_A_per_V * (sensor_gain if name == "displacement_m" else 1.0)
         spectrum = np.abs(np.fft.rfft(record.measured[name])) ** 2
-        power += white(spectrum[round(TOP * len(spectrum)) :]) / count * np.abs(size * response) ** 2
+        power += white(spectrum[noise_lines(spectrum, band_levels(spectrum))]) / count * np.abs(size * response) ** 2
     return power
 
 
@@ -213,15 +215,14 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray, through_law: np.ndarra
     if rms == 0:
         return np.inf, 0.0
     difference = measured - predicted
-    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2 / count
-    top = round(TOP * len(power))
-    noise = white(power[top:])
+    power, driven = (np.abs(np.fft.rfft(y - y.mean())) ** 2 / count for y in (difference, predicted))
+    lines, shaped = np.arange(len(power)), np.zeros(len(power))
     if through_law is not None:
-        lines = np.arange(len(power))
         shaped = np.interp(lines / len(power), np.arange(len(through_law)) / len(through_law), through_law)
-        level = float(shaped[top:].mean())
-        beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
-        noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
+    top = noise_lines(power, band_levels(power, np.maximum(driven - 2 * shaped, 0.0)))  # what is heard drives nothing
+    noise, level = white(power[top]), float(shaped[top].mean())
+    beyond = np.maximum(shaped - level, 0.0) * min(1.0, noise / max(level, 1e-300))
+    noise += 2 * float(banded(np.column_stack([beyond, power]), lines).min(axis=1)[1:].sum()) / count
     total = float(np.var(difference))
     return float(np.sqrt(max(total - noise, 0.0))) / rms, float(np.sqrt(noise)) / rms
 
@@ -244,7 +245,9 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
     limit, with_limit, left = _saturated(current, asked, through_law) if residual >= _SEEN else (None, residual, noise)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
-    with_gain, offset = mismatch(current, gain * asked, through_law)[0], float(np.mean(current - asked))
+    with_gain, offset = mismatch(current, gain * asked, through_law)[0], float(np.median(current - asked))
+    if abs(offset) < _CERTAIN * float(np.std(current - asked)) / sqrt(len(current)):
+        offset = 0.0
     doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
     return ControllerFit(residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 

@@ -18,6 +18,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import MEASURED, Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
+from beamdesign.diagnosis.examination.off_zero import on_zero
 from beamdesign.diagnosis.examination.readings import (
     Reading,
     as_it_stands,
@@ -304,6 +305,9 @@ def examine(data: Dataset) -> Examination:
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
     warnings += contradictions([r for r in seen() if r.name in fits.keys() - stuck], fits, prototype)
+    offset = {caution.record for caution in warnings if caution.name == "offset"}
+    zeroed = (on_zero(r, fits[r.name], gain) if r.name in offset else r for r in data.records)
+    data = replace(data, records=tuple(zeroed))
     pairs = list(dict.fromkeys(r.masses for r in usable()))
     warnings += cautions(partial(masses, pairs=pairs), seen(), prototype, most=1)
     warnings += cautions(remarks, seen(), prototype, most=1)

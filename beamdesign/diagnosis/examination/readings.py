@@ -18,6 +18,7 @@ from beamdesign.diagnosis.data.dataset import INPUTS, MEASURED, TimeRecord
 from beamdesign.diagnosis.data.measured_files import UNITS
 from beamdesign.diagnosis.examination import nominal
 from beamdesign.diagnosis.examination.nominal import ControllerFit
+from beamdesign.diagnosis.examination.off_zero import off_zero
 from beamdesign.diagnosis.examination.sound_records import Caution, rms
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
@@ -273,7 +274,8 @@ _SHORTEST = 0.05
 """Of a sample: channels are shifted by more, if at all."""
 _SAME_GAIN = 0.02
 _ODD_ONE = 3  # records: two whose gains differ do not say which is wrong
-_OFFSET = 0.2
+_PERIODS = 2.5  # in a record: with fewer what it holds is no tone
+_LARGE_OFFSET = 0.2  # of a channel's deviation: more may be an amplifier's
 
 
 def contradictions(
@@ -296,9 +298,16 @@ def contradictions(
         odd = abs(fit.gain - usual) > _SAME_GAIN * abs(usual) and fit.with_gain < _EXPLAINED * fit.residual
         if _plain(fit.residual, fit) or (odd and fit.residual > fit.doubt):
             found.append(_verdict(record, fit, records, prototype, common))
-        elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
+        elif off := off_zero(record, fit, prototype.sensor.gain_V_per_m):
+            ((name, by),) = off.items()
             text = f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing"
-            found.append(Caution("offset", record.name, f"{text}: check for an offset", limits_confidence=True))
+            text += (
+                f": {name} begins {by:.3g} {name[-1]} off its zero, which is taken off; check what measures it"
+                * bool(by)
+            )
+            text += ": check for an offset" * (not by)
+            limits = not 0 < abs(by) <= _LARGE_OFFSET * float(np.std(record.measured[name]))
+            found.append(Caution("offset", record.name, text, limits_confidence=limits))
     return found
 
 
@@ -361,10 +370,13 @@ def _verdict(
     text = f"{fit.residual:.0%} of the current's rms is not {made}"
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
-    line = nominal.line_left(record, gain)
-    text += (
-        f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
-    )
+    text += ": something between sensor and valve is not in the model"
+    if line := nominal.line_left(record, gain):
+        slow = line * float(np.ptp(record.times)) < _PERIODS
+        what = (
+            "slower than the record is long: a channel drifts, or its gain is off" if slow else f"at {line:.3g} Hz: hum"
+        )
+        text = f"{fit.residual:.0%} of the current's rms is not {made}, most of that {what}"
     return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
 
 

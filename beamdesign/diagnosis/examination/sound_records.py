@@ -10,8 +10,9 @@ from itertools import islice
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.input_noise import TOP
 from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
-from beamdesign.diagnosis.fitting.weighting import TOP, white
+from beamdesign.diagnosis.fitting.weighting import white
 from beamdesign.plant.assembly import widened
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -226,7 +227,7 @@ _LEAST_SHARE = 0.02
 _LEAST_SIGNAL = 3.0  # over its noise
 _RESTLESS = 8.0  # in standard deviations of the noise
 _MOVED = 0.1  # of the rms
-_SET_OFF_S, _ENDS = 3e-3, 3  # in which a drive moves a rig at rest but little; samples
+_SET_OFF_S, ENDS = 3e-3, 3  # in which a drive moves a rig at rest but little; samples
 _NOTHING = 1e-30  # in any unit
 _STIFFER = 30.0  # than believed no rig is
 _MISFIT = 0.6  # of the displacement
@@ -364,9 +365,9 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
         begins += " `beamdesign gap import --rest-s` takes that off"
         yield "not_at_rest", f"does not start at rest without load: {begins}"
     loop = nominal_loop(prototype, record)
-    count = max(2 * _ENDS, round(_SET_OFF_S / record.step))
+    count = max(2 * ENDS, round(_SET_OFF_S / record.step))
     made = loop.driven(record.inputs, record.step)[:, 1].sum(axis=1) if loop.stable else moved
-    gone, by_drive = (float(np.mean(y[count - _ENDS : count]) - np.mean(y[:_ENDS])) for y in (moved, made))
+    gone, by_drive = (float(np.mean(y[count - ENDS : count]) - np.mean(y[:ENDS])) for y in (moved, made))
     if count * record.step <= 4 * _SET_OFF_S and abs(gone) > max(most, 2 * abs(by_drive)):
         goes = f"displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
         yield "not_at_rest", f"does not start at rest: {goes}"

@@ -7,10 +7,12 @@ motion that cannot be repeated: see `InjectedRecord`.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.input_noise import band_levels, noise_lines
 from beamdesign.diagnosis.fitting.fit import Evidence, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
@@ -26,6 +28,7 @@ from beamdesign.diagnosis.fitting.weighting import (
     blurred,
     faded,
     rising,
+    spectra,
     weighting,
 )
 from beamdesign.plant.assembly import assemble, widened
@@ -153,14 +156,29 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
     jobs = [Replay(taken.cleaned, data.prototype) for taken in data.records]
-    rise = rising(filter(None, map(at_the_sensor, jobs)))
+    measured = [np.column_stack([*job.record.measured.values()]) for job in jobs]
+    believed = [_believed(job) for job in jobs]
+    quiet = _quietest(jobs, measured, believed)
+    pairs = zip(jobs, believed, strict=True)
+    rise = rising(at_the_sensor(job, of, quiet[DISPLACEMENT]) for job, of in pairs if of is not None)
     found, band = [], widened(data.prototype, LOWEST_HZ, HIGHEST_HZ)
-    for taken, job in zip(data.records, jobs, strict=True):
+    for taken, job, seen in zip(data.records, jobs, measured, strict=True):
         channels = tuple(job.record.measured)
-        measured = np.column_stack([job.record.measured[name] for name in channels])
-        weight = in_the_loop(weighting(job.record, channels, band), job, rise, taken.denoised[1])
-        found.append(RecordEvidence(job, weight, measured))
+        plain = weighting(job.record, channels, band, np.array([quiet[name] for name in channels]))
+        found.append(RecordEvidence(job, in_the_loop(plain, job, rise, taken.denoised[1]), seen))
     return tuple(found)
+
+
+def _quietest(jobs: Sequence[Replay], measured: Sequence[np.ndarray], believed: Sequence[Any]) -> dict[str, np.ndarray]:
+    """By channel the least levels of all records: noise is alike however hard a record is driven."""
+    least: dict[str, np.ndarray] = {}
+    for job, seen, of in zip(jobs, measured, believed, strict=True):
+        made = np.zeros_like(seen) if of is None else of
+        powers = (spectra(job.record, signals) for signals in (seen, made))
+        for name, power, driven in zip(job.record.measured, *powers, strict=True):
+            levels = band_levels(power, driven)
+            least[name] = np.minimum(least.get(name, levels), levels)
+    return least
 
 
 OWN_SHARE = 0.3
@@ -261,17 +279,27 @@ def _injected(placement: Placement) -> Placement:
     return replace(placement, assembly=assemble(replace(placement.assembly.kinds, own_share=OWN_SHARE)))
 
 
-def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor."""
-    placement, record = NOTHING.placement(job.prototype), job.record
-    predicted = job.simulated(placement, np.zeros(len(placement.unknowns)), (DISPLACEMENT,))
-    if predicted is None:
-        return None
+def _believed(job: Replay) -> np.ndarray | None:
+    """(N, C) what the believed model makes of the channels measured; None where it diverges."""
+    placement = NOTHING.placement(job.prototype)
+    return job.simulated(placement, np.zeros(len(placement.unknowns)), tuple(job.record.measured))
+
+
+def at_the_sensor(job: Replay, believed: np.ndarray, quiet: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor.
+
+    Args:
+        job: of the record.
+        believed: (N, C) its channels as predicted.
+        quiet: (2, 20) least levels of the displacement; noise that a recorder has taken away is left out.
+    """
+    record, predicted = job.record, believed[:, [*job.record.measured].index(DISPLACEMENT)]
     moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
     frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
+    power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)) ** 2 / np.sum(record.counted**2)
     kept = frequencies > LOWEST_HZ
-    power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
-    own = power / job.noise_power((DISPLACEMENT,), frequencies[kept])[0]
+    kept[noise_lines(power[:, 0], quiet).stop :] = False
+    own = power[kept] / job.noise_power((DISPLACEMENT,), frequencies[kept])[0]
     return frequencies[kept], own[:, 0], own[:, 1]
 
 

@@ -14,13 +14,13 @@ from scipy.fft import next_fast_len
 from scipy.optimize import nnls
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.input_noise import BANDS, noise_lines
 
 SHARE = 0.02
 """Relative error of a model, line by line, that counts as one unit."""
 INDEPENDENT = 40.0
 LOWEST_HZ, HIGHEST_HZ = 0.2, 400.0
 """Of the lines that count, of a rig as quick as the published one."""
-TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _FADE = 0.05  # of the record, at its end
 _HALF_BAND = 2 ** (1 / 6)
 
@@ -88,26 +88,45 @@ def white(power: np.ndarray) -> float:
     return float(np.median(power)) / float(np.log(2))  # the median of an exponential distribution
 
 
+def spectra(record: TimeRecord, signals: np.ndarray) -> np.ndarray:
+    """(C, F) power per sample of signals (N, C) as long as a record, faded out as it is weighed."""
+    taper = faded(len(record.times)) * record.counted
+    lines = np.fft.rfft(signals * taper[:, None], padded(len(taper)), axis=0)
+    return np.asarray(np.abs(lines.T) ** 2 / np.sum(taper**2))
+
+
+def _read_off(power: np.ndarray, quiet: np.ndarray) -> float:
+    """White noise of a spectrum: of a low-passed one no more than twice that of the quietest, for it may be driven."""
+    lines = noise_lines(power, quiet)
+    own = white(power[lines])
+    return own if lines.stop == len(power) else min(own, 2 * white(quiet[1, round(lines.start / len(power) * BANDS)]))
+
+
 def weighting(
-    record: TimeRecord, channels: tuple[str, ...], band_Hz: tuple[float, float] = (LOWEST_HZ, HIGHEST_HZ)
+    record: TimeRecord,
+    channels: tuple[str, ...],
+    band_Hz: tuple[float, float] = (LOWEST_HZ, HIGHEST_HZ),
+    quiet: np.ndarray | None = None,
 ) -> Weighting:
     """Weigh a record.
 
-    Noise is taken to be white and read off the top fifth of the spectrum, where a rig of this kind moves no more.
+    Noise is taken to be white and read off the top of the spectrum, see `noise_lines`.
 
     Args:
         record: measured.
         channels: those of `record.measured` that count.
         band_Hz: in which lines count.
+        quiet: (C, 2, 20) least levels of all records that one recorder has written, see `band_levels`; where there are
+            none, nothing tells what it has low-passed.
     """
     count = len(record.times)
     frequencies = np.fft.rfftfreq(padded(count), record.step)
     taper = faded(count) * record.counted
     kept = (frequencies > band_Hz[0]) & (frequencies < band_Hz[1])
-    top = frequencies > TOP * frequencies[-1]
-    signals = np.column_stack([record.measured[name] for name in channels])
-    power = np.abs(np.fft.rfft(signals * taper[:, None], padded(count), axis=0)) ** 2
-    noise = np.array([white(column) for column in power[top].T])
+    per_sample = spectra(record, np.column_stack([record.measured[name] for name in channels]))
+    levels = np.full((len(channels), 2, BANDS), np.inf) if quiet is None else quiet
+    power = per_sample.T * np.sum(taper**2)
+    noise = np.array([_read_off(*of) for of in zip(per_sample, levels, strict=True)]) * np.sum(taper**2)
     unit = (noise + SHARE**2 * banded(power, frequencies) + 1e-300)[kept].T
     scale, noise_std = np.sqrt(INDEPENDENT / int(kept.sum()) / unit), np.sqrt(noise / np.sum(record.counted**2))
     return Weighting(channels, scale, frequencies[kept], noise_std, np.tile(noise, (unit.shape[1], 1)).T, taper, kept)
