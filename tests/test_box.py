@@ -242,6 +242,13 @@ def test_what_lies_along_an_axis_is_two_points_to_prover_and_check():
     assert check(certify_box(sum_of_all, box_of(dict.fromkeys(names, (0.0, 1.0)))).certificate).valid
 
 
+def test_thousands_may_be_added_up():
+    """As several effects together do; the tree of such a sum is nested as deeply as it is long."""
+    many = PolynomialFamily("many", " + ".join(["k"] + ["a"] * 2000), {"K": fmpq(1)}, {"a": "s + 1", "k": "K"})
+    assert certify_box(many, box_of({"K": (1.0, 2.0)})).stable
+    assert certify_box(many, box_of({"K": (-2001.0, 2.0)})).stable is False  # s = -(2000 + K) / 2000
+
+
 def test_a_delay_that_does_not_vary_is_one_point_to_prover_and_check():
     """The check counted the corners of an arc for it, and refused what had been proved."""
     names = [f"q{i}" for i in range(15)]

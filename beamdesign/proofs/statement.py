@@ -143,9 +143,12 @@ def _structure(node: ast.expr, named: Mapping[str, Node]) -> Node:
     match node:
         case ast.Name(id=name) if name in named:
             return named[name]
-        case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
-            kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, named) for side in (left, right)]
+        case ast.BinOp(op=ast.Add() | ast.Mult() as operation):
+            kind, sides = "sum" if isinstance(operation, ast.Add) else "product", list[ast.expr]()
+            while isinstance(node, ast.BinOp) and isinstance(node.op, type(operation)):  # thousands may be added up
+                sides.append(node.right)
+                node = node.left
+            parts = [_structure(side, named) for side in (node, *reversed(sides))]
             flat = [p for part in parts for p in (part.parts if part.kind == kind else (part,))]
             return Node(kind, "", tuple(flat), tuple(sorted({pack for part in flat for pack in part.packs})))
     raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
