@@ -346,7 +346,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
         def stats(self) -> dict[str, bool]:
             return {"success": False}
 
-    monkeypatch.setattr(LawRefinement, "_built", lambda self, sizes: (Lost(), None))
+    monkeypatch.setattr(LawRefinement, "_built", lambda self, sizes: (Lost(), None, None))
     found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.starts == pytest.approx(lag.starts, rel=1e-3)
     assert 1 < found.certificates <= Effort().proofs

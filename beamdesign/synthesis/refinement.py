@@ -5,7 +5,7 @@ are enforced at sampled points: a coarse set that covers everything, and the wor
 every round. Where the sections of the beams are variables too, the plant at these points is symbolic in them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import exp, inf, log, pi
@@ -71,7 +71,28 @@ _SETTLED = 1e-4
 """Relative growth of the bandwidth in a round below which the refinement ends."""
 
 
-Program = tuple[ca.Function, ca.Function | None]
+Program = tuple[ca.Function, ca.Function | None, "_InTime"]
+
+
+class _InTime(ca.Callback):
+    """Ends a program between two iterations once the time is up; of many members one takes seconds."""
+
+    def __init__(self, program: Mapping[str, ca.MX]) -> None:
+        ca.Callback.__init__(self)
+        self._rows = {"f": 1} | {name: program[name[-1]].numel() for name in ("x", "g", "lam_x", "lam_g", "lam_p")}
+        self.construct("in_time")
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._rows[ca.nlpsol_out(i)], 1)
+
+    def eval(self, given: Sequence[ca.DM]) -> list[bool]:
+        return [over()]
 
 
 @dataclass(frozen=True)
@@ -210,7 +231,7 @@ class LawRefinement:
         beta = min(log(max(reached, near, 0.5 * self.pace)), most)
         highest_beta = min(beta + (0.25 if self.sections is None else 1.0), most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
-        (solver, servo_off), resonance, apart = self._program, [], 0.0
+        (solver, servo_off, _), resonance, apart = self._program, [], 0.0
         if servo_off is not None:
             at, largest = highest(servo_off, start / sizes, self.pace)
             resonance, apart = [at], log(now.servo_off_m_per_N) - largest
@@ -322,7 +343,8 @@ class LawRefinement:
         )  # fmt: skip
         options = QUIET_IPOPT | {"ipopt.max_iter": 70, "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3}
         options |= {"ipopt.mumps_pivot_order": 0}  # by least degree: few variables, many slacks
-        return ca.nlpsol("refinement", "ipopt", program, options | derivatives), servo_off
+        options |= {"iteration_callback": (in_time := _InTime(program))}
+        return ca.nlpsol("refinement", "ipopt", program, options | derivatives), servo_off, in_time
 
     def _softest(self) -> tuple[int, float]:
         """Which of the plants, at which outer end mass (kg), has the largest compliance without a law."""
