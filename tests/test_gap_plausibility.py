@@ -226,6 +226,13 @@ def humming(data: Recorded) -> None:
         columns["current_A"] = columns["current_A"] + 0.3 * np.std(columns["current_A"]) * hum
 
 
+def recorder_humming(data: Recorded) -> None:
+    columns = data.columns["force"]
+    turned = 2 * np.pi * 130 * columns["t_s"]
+    hum = 0.16 * np.std(columns["displacement_m"]) * (np.sin(turned) + 0.5 * np.sin(3 * turned))
+    columns["displacement_m"] = columns["displacement_m"] + hum
+
+
 def offset(data: Recorded) -> None:
     data.columns["force"]["current_A"] = data.columns["force"]["current_A"] + 0.01
 
@@ -309,6 +316,9 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),
     "a slow coil": (lagging, "amplifier_lag", "force", "with a time constant of 2.6", False, True),
     "hum": (humming, "controller_mismatch", "force", "most of that at 50 Hz: hum", False, True),
+    "hum that the controller does not hear": (
+        recorder_humming, "controller_mismatch", "force", "most of that at 130 and 390 Hz: hum", False, False,
+    ),
     "a drift": (drifting, "controller_mismatch", "force", "a channel drifts, or its gain is off", False, True),
     "current of another run": (other_run, "controller", "force", "do the columns belong to one run", True, True),
     "offset": (offset, "offset", "force", "constant 0.01 A", False, True),

@@ -363,16 +363,33 @@ def described(controller: Controller) -> str:
     return f"{controller.words()}, {controller.gain_A_per_V:.3g} A/V"
 
 
-_MOST = 0.6  # of the power left
+_MOST, _LINES = 0.6, 6  # of the power left beyond noise; of hum and its harmonics at most
+_STANDS_OUT, _LITTLE = 10.0, 0.02  # times the noise; of the power left, which is not worth a line
+_UNHEARD = 0.3  # of a line's power: what the current has of it at most
 
 
-def line_left(record: TimeRecord, sensor_gain: float) -> float | None:
-    """Frequency (Hz) that carries most of what the equation leaves, if one does."""
+def lines_left(record: TimeRecord, sensor_gain: float) -> tuple[tuple[float, ...], float]:
+    """Lines that carry most of what the equation leaves, each of what those before it leave, and what lies besides.
+
+    Returns:
+        their frequencies, Hz; and of the power left the share that is none of them, if the recorder of the displacement
+        alone has them, as mains hum: the controller has not heard what the current has nothing of. 1 for other lines,
+        which may be of the rig.
+    """
     if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
-        return None
-    left = record.measured["current_A"] - asked
-    power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
-    peak = int(np.argmax(power))
-    if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():
-        return None
-    return float(np.fft.rfftfreq(len(left), record.step)[peak])
+        return (), 1.0
+    current, found = record.measured["current_A"], list[float]()
+    taper, frequencies = np.hanning(len(asked)), np.fft.rfftfreq(len(asked), record.step)
+    left, heard = (np.abs(np.fft.rfft((y - y.mean()) * taper)) ** 2 for y in (current - asked, current))
+    level, unheard = white(left), True
+    whole = rest = float(left.sum()) - level * len(left)
+    while rest > _LITTLE * whole and len(found) < _LINES:
+        peak = int(np.argmax(left))
+        near = slice(max(peak - 2, 0), peak + 3)
+        if left[near].sum() < _MOST * rest or left[peak] < _STANDS_OUT * level:
+            break
+        found.append(float(frequencies[peak]))
+        unheard &= bool(heard[near].sum() < _UNHEARD * left[near].sum())
+        rest -= float(left[near].sum())
+        left[near] = 0.0
+    return tuple(found), max(rest, 0.0) / whole if found and unheard else 1.0

@@ -8,7 +8,7 @@ as it stands, and does once one column is read otherwise, is one whose column wa
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from math import inf, log
+from math import inf, log, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -371,13 +371,16 @@ def _verdict(
     if fit.residual > _HOPELESS:
         return contradicts(f": {text} (do the columns belong to one run?)")
     text += ": something between sensor and valve is not in the model"
-    if line := nominal.line_left(record, gain):
-        slow = line * float(np.ptp(record.times)) < _PERIODS
-        what = (
-            "slower than the record is long: a channel drifts, or its gain is off" if slow else f"at {line:.3g} Hz: hum"
-        )
+    lines, besides = nominal.lines_left(record, gain)
+    grave = fit.residual
+    if lines:
+        what = f"at {' and '.join(f'{line:.3g}' for line in lines)} Hz: hum"
+        if slow := lines[0] * float(np.ptp(record.times)) < _PERIODS:
+            what = "slower than the record is long: a channel drifts, or its gain is off"
         text = f"{fit.residual:.0%} of the current's rms is not {made}, most of that {what}"
-    return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
+        if not slow:  # hum of the displacement's recorder is taken off before anything is weighed
+            grave *= sqrt(besides)
+    return Caution("controller_mismatch", record.name, text, limits_confidence=grave > _GRAVE)
 
 
 def _late(record: TimeRecord, fit: ControllerFit) -> Caution:
